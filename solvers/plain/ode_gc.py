@@ -27,8 +27,7 @@ from .march import Grid, march
 from .mechanics import Mechanism, Rows
 
 DIFFERENCE = 1e-7  # change of the unknowns in Jacobians by differences
-# share of phi_dot: an augmentation that leaves more raises the penalty; as in ``formulations/methods/gc_newton.py``
-ENOUGH = 0.25
+ENOUGH = 0.25  # share of phi_dot: an augmentation that leaves more raises the penalty
 
 
 class Node(NamedTuple):
@@ -103,7 +102,7 @@ class Step:
         rows, f = m.rows(t, r, R, v), m.loads(t, r, R, v).ravel()
         c = self.directions(rows)
         M_bar = np.array([np.sum(one * m.multiply_by_inertia(one)) for one in c])  # (30)
-        f_bar = c @ self.mechanism.turn_to_bodies(R, f) if choices.f_bar else np.zeros(m.nr)  # (30)
+        f_bar = c @ m.turn_to_bodies(R, f) if choices.f_bar else np.zeros(m.nr)  # (30)
         C_bar, K_bar = choices.c_bar * M_bar, choices.k_bar * M_bar
         if self.settings.by_forces:
             by_rate, by_pose = m.spring_slopes(r, R, v, c)
@@ -119,9 +118,8 @@ class Step:
                 at = slice(6 * m.system.joint_i[joint], 6 * m.system.joint_i[joint] + 3)
                 c[row, at] = a[row, at]
             return c
-        along = (
-            a if self.choices.direction == "a" else np.array([m.divide_by_inertia(one) for one in a]).reshape(a.shape)
-        )
+        by_mass = self.choices.direction == "mass"
+        along = np.array([m.divide_by_inertia(one) for one in a]).reshape(a.shape) if by_mass else a
         return along / np.sum(a * along, axis=1)[:, None]
 
     def residual(

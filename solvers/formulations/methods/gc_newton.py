@@ -37,11 +37,9 @@ CONVERGED, LOOSE, FAILED_STEP = range(3)
 # "Half" and "twice": tried on two four-bar cells, a grid, Bricard's and Bennett's linkages and a mechanism with joints
 # declared twice; three of the five keep their bits whatever is changed.
 # decades of the determinant below its largest, where rows that lose rank look like redundant ones. Half filters in
-# fewer steps of the joints declared twice, with 27 % fewer solutions, and moves their end by 5e-10 m; twice changes
-# none.
+# fewer steps of the joints declared twice, 27 % fewer solutions, and moves their end by 5e-10 m; twice changes none.
 NEAR = 3.0
-# passes of the filter of redundant rows; with a penalty of 1e3 each reduces the rest a hundredfold. Half, twice: none
-# changes.
+# passes of the filter; with a penalty of 1e3 each reduces the rest a hundredfold. Half and twice change none.
 MOST_PASSES = 6
 # share of the tolerance: phi_dot that the next pass of the filter would remove. Half: 1 to 3 % more solutions; twice: 2
 # to 4 % fewer.
@@ -89,7 +87,8 @@ OF_JOINTS = {  # functions of ``rows.wrenches.newton_loops``, with Z0 = D0 + B D
     "balance": "kernel (t, r, R, v), plan, terms -> residual += gauge Z0 nu + D1 on_D + D_dot1 on_D_dot, in the body",
     "slopes": "kernel, plan, T, terms -> blocks of the saddle, Eq. (79): column, row; bodies +=",
 }
-TERMS_READ = ("nu", "on_D", "on_D_dot", "nu_start", "G0", "stiffness", "on_phi_dot", "on_phi")  # read by them
+TERMS_READ = ("nu", "on_D", "on_D_dot", "nu_start", "G0", "stiffness", "on_phi_dot", "on_phi")  # by all of them
+TERMS_MEASURED = ("phi1", "phi_dot1", "m_bar", "f_bar1")
 
 
 def make_newton_method(system: MultibodySystem, settings: Settings) -> Method:
@@ -115,6 +114,7 @@ def make_step(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, s
     apart = [n for (a, b), n in pair_at.items() if a != b and (settings.couple or pushed & {(a, b), (b, a)})]
     saddle, lu = analyse_saddle(kernel.body, kernel.row, kernel.pair, np.array(apart, dtype=np.int64))
     couples = [[[pair_at.get((int(a), int(b)), -1) for b in ends] for a in ends] for ends in kernel.body]
+    rows_of_joints = np.diff(kernel.row)
     step = allocate_step(
         kernel,
         control,
@@ -123,10 +123,14 @@ def make_step(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, s
         STATE | {"xi": settings.penalty, "pushed": bool(pushed or len(system.load_i))},
         (*(part.__name__ for part in PARTS), *OF_JOINTS, "factor_saddle", "solve_saddle"),
         terms=make_bundle("Terms", dict.fromkeys(TERMS, "nr"), {"nr": nr}),
-        couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2),  # of end e by end i: pairs of the kernel
+        ends=np.repeat(kernel.body, rows_of_joints, axis=0),  # bodies of each row
+        # of a row's end e by its end i: pairs of the kernel
+        couple=np.repeat(np.array(couples, dtype=np.int64).reshape(-1, 2, 2), rows_of_joints, axis=0),
         saddle=saddle,
         lu=lu,
-        row_at=np.repeat(lu.joint_at - kernel.row[:-1], np.diff(kernel.row)) + np.arange(nr),  # places in ``lu.x``
+        # places of velocities and of rows in ``lu.x``
+        body_at=(lu.body_at[:, None] + np.arange(6)).ravel(),
+        row_at=np.repeat(lu.joint_at - kernel.row[:-1], rows_of_joints) + np.arange(nr),
         correction=np.zeros_like(lu.x),  # of all unknowns, in the order of ``lu.x``
     )
     step = step._replace(factor_saddle=BoundFunction(factor, lu), solve_saddle=BoundFunction(solve, lu))
@@ -145,11 +149,10 @@ def bind_joints(system: MultibodySystem, step: Any, settings: Settings) -> dict[
     bodies = (kernel.r, 3), (kernel.R, 9), (kernel.v, 6), (kernel.force, 6), (inertia, 19), (step.T, 9)
 
     def list_arrays(group: ElementGroup, code: Code) -> dict[str, list[Any]]:
-        own, six, n = group.rows, slice(6 * group.rows.start, 6 * group.rows.stop), int(group.members[0])
-        kept = np.zeros((n, 6 * len(group.ends) * (own.stop - own.start) // n))
-        in_rows = [getattr(step.terms, name)[own] for name in TERMS_READ]
-        given = [kernel.t, step.plan, group.numbers, kept, *in_rows, *list_places(group, *bodies)]
-        measured = [getattr(step.terms, name)[own] for name in ("phi1", "phi_dot1", "m_bar", "f_bar1")]
+        own, six = group.rows, slice(6 * group.rows.start, 6 * group.rows.stop)
+        kept = np.zeros((len(kernel.lam[own]), len(group.ends), 6))  # of each joint in turn
+        read, measured = ([getattr(step.terms, name)[own] for name in of] for of in (TERMS_READ, TERMS_MEASURED))
+        given = [kernel.t, step.plan, group.numbers, kept, *read, *list_places(group, *bodies)]
         blocks = [part[e, six] for part in (step.saddle.column, step.saddle.row) for e in group.ends]
         return {
             "measure": [*given, *measured],
@@ -182,25 +185,24 @@ def start(step):
     run(step.complete)
     if step.scheme.velocity:  # mu0 = c . M v / M_bar: the velocity along c_R
         run(step.direction)
-        for j in range(len(kernel.body)):
-            for a in range(kernel.row[j], kernel.row[j + 1]):
-                total = 0.0
-                for e in range(2):
-                    b = kernel.body[j, e]
-                    if b >= 0:
-                        c, v, J = step.c_R[e, a], kernel.v[b], kernel.J[b]
-                        for q in range(3):
-                            total += kernel.mass[b] * c[q] * v[q]
-                            total += c[3 + q] * (J[q, 0] * v[3] + J[q, 1] * v[4] + J[q, 2] * v[5])
-                terms.mu0[a] = total / terms.m_bar[a]
-                terms.nu_start[a] = total
+        for a in range(len(terms.nu)):
+            total = 0.0
+            for e in range(2):
+                b = step.ends[a, e]
+                if b >= 0:
+                    c, v, J = step.c_R[e, a], kernel.v[b], kernel.J[b]
+                    for q in range(3):
+                        total += kernel.mass[b] * c[q] * v[q]
+                        total += c[3 + q] * (J[q, 0] * v[3] + J[q, 1] * v[4] + J[q, 2] * v[5])
+            terms.mu0[a] = total / terms.m_bar[a]
+            terms.nu_start[a] = total
     run(step.keep_end)
 
 
 def take_step(step):
-    """Take one step of ``control.h``; where it fails, set ``control.status`` and leave the kernel at its start.
+    """Take a step of ``control.h``; where it fails, or turns too far and may be cut, set ``control.status``.
 
-    It also fails where a body would turn further than the limit, as long as the step may be cut.
+    The kernel is then left at the start of the step.
     """
     control, scheme, kernel, omega2 = step.control, step.scheme, step.kernel, 0.0
     scheme.corrections = control.iterations
@@ -275,11 +277,10 @@ def keep_end(step):
 def _attempt(step, omega2):
     """Try one step from its start to its end, first estimate included; return its outcome.
 
-    Augmented Lagrangian: the proximal saddle does Newton's correction and the augmentation at once. Near a singular
-    configuration it may not converge, as the violation phi = O(dt^2) makes phi_dot = 0 inconsistent along the direction
-    that is being lost. There the step is repeated by the nested loop, with a penalty so low that this direction is left
-    to the multiplier carried from earlier steps, and it counts as done at ``accept``. ``omega2`` [rad^2/s^2] is the
-    largest |Omega|^2 of all bodies.
+    Near a singular configuration the proximal saddle may not converge, as phi = O(dt^2) makes phi_dot = 0 inconsistent
+    along the direction that is being lost. There the step is repeated by the nested loop, with a penalty so low that
+    this direction is left to the multiplier carried from earlier steps, and it counts as done at ``accept``. ``omega2``
+    [rad^2/s^2] is the largest |Omega|^2 of all bodies.
     """
     scheme, h = step.scheme, step.control.h
     run(step.begin_step)
@@ -322,11 +323,7 @@ def _nested_loop(step):
 
 @compile_separately
 def _newton(step):
-    """Correct the end of the step until the residual is below the tolerance; return whether it gets there.
-
-    ``final`` says which iterate is the step's end: the first that passes the tests, the same corrected once more by
-    (79), or the first that passes after a correction.
-    """
+    """Correct the end of the step until it passes the tests, with ``final`` CORRECTED once more; return if it does."""
     clear(step.terms.left)
     if iterate(step, _sweep, _classify, step.scheme.max_newton + 1):
         return step.scheme.final != CORRECTED or np.isfinite(_sweep(step, 1, False))
@@ -389,9 +386,8 @@ def estimate(step):
     """Estimate velocities and nu at the end: extrapolated from the last two steps, or those of the start."""
     scheme, terms = step.scheme, step.terms
     ratio = scheme.extrapolate * step.control.h / scheme.last if scheme.last > 0.0 else 0.0
-    for b in range(len(step.v0)):
-        for q in range(6):
-            step.kernel.v[b, q] = step.v0[b, q] + ratio * (step.v0[b, q] - step.v_old[b, q])
+    for i in range(step.v0.size):
+        step.kernel.v.flat[i] = step.v0.flat[i] + ratio * (step.v0.flat[i] - step.v_old.flat[i])
     for a in range(len(terms.nu)):
         if scheme.keep_nu:
             terms.nu[a] = terms.nu_start[a] + ratio * terms.nu_change[a]
@@ -407,21 +403,20 @@ def complete(step):
     if scheme.by_forces:
         run(kernel.spring_slopes)
         run(step.direction)
-    for j in range(len(kernel.body) if scheme.corrective else 0):
-        for a in range(kernel.row[j], kernel.row[j + 1]):
-            by_rate, by_pose = 0.0, 0.0
-            for e in range(2):
-                for i in range(2):
-                    pair = step.couple[j, e, i]
-                    if scheme.by_forces and pair >= 0:
-                        for q in range(6):
-                            for p in range(6):
-                                weight = c_R[e, a, q] * c_R[i, a, p]
-                                by_rate -= weight * kernel.by_rate[pair, q, p]
-                                by_pose -= weight * kernel.by_pose[pair, q, p]
-            # a negative K_bar drives phi away exponentially
-            terms.c_bar1[a] = by_rate + scheme.c_bar * terms.m_bar[a]
-            terms.k_bar1[a] = max(by_pose, 0.0) + scheme.k_bar * terms.m_bar[a]
+    for a in range(len(terms.nu) if scheme.corrective else 0):
+        by_rate, by_pose = 0.0, 0.0
+        for e in range(2):
+            for i in range(2):
+                pair = step.couple[a, e, i]
+                if scheme.by_forces and pair >= 0:
+                    for q in range(6):
+                        for p in range(6):
+                            weight = c_R[e, a, q] * c_R[i, a, p]
+                            by_rate -= weight * kernel.by_rate[pair, q, p]
+                            by_pose -= weight * kernel.by_pose[pair, q, p]
+        # a negative K_bar drives phi away exponentially
+        terms.c_bar1[a] = by_rate + scheme.c_bar * terms.m_bar[a]
+        terms.k_bar1[a] = max(by_pose, 0.0) + scheme.k_bar * terms.m_bar[a]
 
 
 def evaluate(step):
@@ -504,12 +499,10 @@ def assemble(step):
             b = kernel.pair[p, 1]
             T, f, by_pose, by_rate = step.T[b], kernel.force[b], kernel.by_pose[p], kernel.by_rate[p]
             if b == kernel.pair[p, 0]:  # turned back after differentiation: R^T d(R torque) = d torque - torque x theta
-                by_pose[3, 4] += f[5]
-                by_pose[3, 5] -= f[4]
-                by_pose[4, 3] -= f[5]
-                by_pose[4, 5] += f[3]
-                by_pose[5, 3] += f[4]
-                by_pose[5, 4] -= f[3]
+                for q in range(3):
+                    i, j = 3 + (q + 1) % 3, 3 + (q + 2) % 3
+                    by_pose[i, j] += f[3 + q]
+                    by_pose[j, i] -= f[3 + q]
             for a in range(6):
                 x, y, z = by_pose[a, 3], by_pose[a, 4], by_pose[a, 5]
                 for q in range(3):
@@ -540,19 +533,17 @@ def refresh(step):
 
 def correct(step):
     """Apply Newton's correction (78) to velocities and nu, with the kept factorisation."""
-    scheme, lu, x = step.scheme, step.lu, step.lu.x
-    for b in range(len(step.residual)):
-        for q in range(6):
-            x[lu.body_at[b] + q] = -step.residual[b, q]
+    scheme, x = step.scheme, step.lu.x
+    for i in range(len(step.body_at)):
+        x[step.body_at[i]] = -step.residual.flat[i]
     for a in range(len(step.row_at)):
         x[step.row_at[a]] = -step.terms.residual[a]
     run(step.solve_saddle)
     step.control.solves += 1
     if scheme.redundant and not scheme.nested and scheme.log_det > scheme.highest - NEAR:
         run(step.leave_redundant)
-    for b in range(len(step.residual)):
-        for q in range(6):
-            step.kernel.v[b, q] += x[lu.body_at[b] + q]
+    for i in range(len(step.body_at)):
+        step.kernel.v.flat[i] += x[step.body_at[i]]
     for a in range(len(step.row_at)):
         step.terms.nu[a] += x[step.row_at[a]]
     step.control.iterations += 1
@@ -561,12 +552,10 @@ def correct(step):
 def leave_redundant(step):
     """Remove from a correction the nu of redundant rows, which A^T maps to zero; their residual goes to ``left``.
 
-    Such rows agree on the constraint manifold only: off it, by phi = O(dt^3) within a step, they require velocities
-    that do not exist. Each correction would raise their nu by xi phi_dot in vain, and D1 nu = 0 would leave (D0 + D1)
-    nu = O(dt) nu, a spurious force that brakes the motion. The saddle itself yields that part: with (Xi M_bar)^-1 dnu
-    as the only right side it returns dnu where A^T dnu = 0, and almost nothing elsewhere. How little depends on xi: the
-    result is filtered again until this changes phi_dot by less than the tolerance, since otherwise a low penalty would
-    leave phi_dot that velocities can remove.
+    Off the constraints, by phi = O(dt^3) within a step, such rows require velocities that do not exist. Each correction
+    would raise their nu by xi phi_dot in vain, and (D0 + D1) nu = O(dt) nu would brake the motion. The saddle yields
+    that part: with (Xi M_bar)^-1 dnu as the only right side it returns dnu where A^T dnu = 0, and almost nothing
+    elsewhere. How little depends on xi, so this is repeated until it changes phi_dot by less than the tolerance.
     """
     terms, x, row_at = step.terms, step.lu.x, step.row_at
     copy(x, step.correction)

@@ -35,9 +35,8 @@ from .iteration import FAILED, GO_ON, SETTLED, STALE, iterate
 # replaces ``refresh``: by code a factor costs less than an iteration. Half takes up to 40 % more factors and changes
 # the iterations by 1 %; twice takes 16 to 64 % fewer factors, and 2 to 13 % more iterations.
 EARLY = 0.1
-# past steps from which the next one is estimated: by loops over joints, by code. Half of the first takes 2 to 195 %
-# more iterations, twice from 38 % fewer to 69 % more; half of the second (3) takes 12 to 82 % more, twice from 21 %
-# fewer to 84 % more.
+# past steps from which the next one is estimated: by loops, by code. Half of the first takes 2 to 195 % more sweeps,
+# twice from 38 % fewer to 69 % more; half of the second (3) takes 12 to 82 % more, twice from 21 % fewer to 84 % more.
 DEPTH, DEEP = 4, 7
 # iterations a step, the last not tested: more help those that converge slowly, fewer end hopeless ones sooner. Half
 # saves the chain 6 % of its iterations in steps that are cut anyway; twice changes no run.
@@ -162,19 +161,18 @@ def _bind_code(system: MultibodySystem, step: Any, settings: Settings) -> Any:
         k = k._replace(dense=k.dense[:0])
     bounds, shares = list_choice_arrays(k)
     code, _, (kept, size) = make_mechanism_code(system, k, "iterate", **{name: given[name] for name in names})
-    start, factor, poses = np.zeros(kept), np.zeros(size), [k.t, k.r, k.R]
+    start, factor, poses, now = np.zeros(kept), np.zeros(size), [k.t, k.r, k.R], [k.t, step.plan, k.r, k.R, k.v]
     r, R, v, nu = (np.zeros_like(x) for x in (k.r, k.R, k.v, step.nu))
 
     def program(*calls: tuple[str, list[np.ndarray]]) -> Program:
         return Program([(code.address(name), arrays) for name, arrays in calls], (code, k))
 
-    at_start = [step.nu_start, step.known, start, step.slip, step.f_bar0]
     iterated = [step.known, start, step.nu, factor, v, nu, step.square]
     correct = ("correct", [*poses, factor, r, R]), ("copy_poses", [r, R, k.r, k.R])
     return step._replace(
-        begin=program(("begin", [k.t, step.plan, k.r, k.R, k.v, *at_start])),
+        begin=program(("begin", [*now, step.nu_start, step.known, start, step.slip, step.f_bar0])),
         factor=make_choosing_program(k, code, "factor", [*poses, *bounds, factor, step.found, *shares], poses),
-        iterate=program(("iterate", [k.t, step.plan, k.r, k.R, k.v, *iterated]), ("copy", [v, nu, k.v, step.nu])),
+        iterate=program(("iterate", [*now, *iterated]), ("copy", [v, nu, k.v, step.nu])),
         correct=program(*correct * PASSES * settings.closes_pose),
     )
 

@@ -162,8 +162,7 @@ class FallbackMarcher:
         k, end = simple.kernel, full.kernel
         k.r[:], k.R[:], k.v[:], k.t[0] = end.r, end.R, end.v, end.t[0]
         simple.nu_start[:] = terms.nu_start
-        for name, value in (("known", 1), ("factored", 0), ("begun", 0)):
-            simple.scheme[name] = value
+        simple.scheme["known"], simple.scheme["factored"], simple.scheme["begun"] = 1, 0, 0
         simple.acceleration[0] = (k.v - full.v_old) / h
         simple.middle[0] = self.state["t"] - 0.5 * h
         gauge, keep_nu = float(simple.scheme["gauge"]), simple.scheme["keep_nu"]

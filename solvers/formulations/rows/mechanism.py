@@ -81,16 +81,16 @@ class RankedFactor(Factor):
         """Return each row's diagonal entry over its pivot as a column; 0 for a row left out."""
         return make_column([self.inverse[k] * self.diagonal[k] for k in range(len(self.order))])
 
-    def exchange_numbers(self, kept: ca.SX | None = None) -> ca.SX:
-        """Return the expressions of 1/D and L as a column, and replace them by the symbols ``kept`` if given."""
+    def exchange_numbers(self) -> tuple[ca.SX, ca.SX]:
+        """Replace 1/D and L by symbols; return their expressions and these symbols, each as a column."""
         places: list[tuple[dict[int, Any], int]] = []
         for k in self.order:
             places += [(self.inverse, k), *((self.L[k], row) for row in self.L[k])]
         numbers = make_column([column[row] for column, row in places])
-        if kept is not None:
-            for n, (column, row) in enumerate(places):
-                column[row] = kept[n]
-        return numbers
+        kept = ca.SX.sym("factor", numbers.numel())
+        for n, (column, row) in enumerate(places):
+            column[row] = kept[n]
+        return numbers, kept
 
 
 class SymbolicMechanism:
@@ -104,7 +104,8 @@ class SymbolicMechanism:
     ) -> None:
         self.system, self.parts, self.order = system, parts, order
         self._bounds = [ca.SX.sym("bounds", len(order))] if chooses else []
-        self.J_inv = [ca.sparsify(ca.DM(snap_zeros(a))) for a in inverse(system.regular_inertia)]
+        inertia = system.regular_inertia
+        self.J, self.J_inv = ([ca.sparsify(ca.DM(snap_zeros(a))) for a in of] for of in (inertia, inverse(inertia)))
 
     def state(self) -> SymbolicState:
         """Return new symbols for time, poses and velocities of all bodies."""
@@ -125,10 +126,7 @@ class SymbolicMechanism:
         free = [self._divide_by_mass(b, load) for b, load in enumerate(self._loads(at))]
         lam = factor.solve({k: -row.gamma - multiply_row(row, free) for k, row in rows.items()})
         v_dot = self._add_response(free, rows, lam)
-        numbers = factor.exchange_numbers()
-        kept = ca.SX.sym("factor", numbers.numel())
-        factor.exchange_numbers(kept)
-
+        numbers, kept = factor.exchange_numbers()
         moved = self._close_joints(at, rows, factor)
         rows = self._rows(moved)
         v = ca.vertsplit(at.v, 6)
@@ -170,11 +168,15 @@ class SymbolicMechanism:
         for part in self.parts:
             e = express_rows(part.kind, part.of)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.A, e.phi, e.phi_t, e.gamma])
-            A, *scalars = free(*join_ends(at, part.body), at.t, list_exact_joint_parameters(self.system, part.joint))
+            A, *scalars = free(*self._list_inputs(part, at))
             for k in range(len(part.of)):
                 own = {b: A[k, 6 * e : 6 * e + 6].T for e, b in enumerate(part.body) if b != GROUND}
                 out[part.first + k] = SymbolicRow(own, *(x[k] for x in scalars))
         return out
+
+    def _list_inputs(self, part: JointPart, at: SymbolicState) -> list[Any]:
+        """Return poses and velocities of a joint's bodies, the time, and its numbers."""
+        return [*join_ends(at, part.body), at.t, list_exact_joint_parameters(self.system, part.joint)]
 
     def _make_schur_complement(self, rows: dict[int, SymbolicRow]) -> Matrix:
         """Return S = A M^-1 A^T by columns {row: entry}, both halves, zeros left out."""
@@ -194,8 +196,7 @@ class SymbolicMechanism:
         """Return the load (6,) of gravity and applied forces on each body; with ``turning`` less Omega x J Omega."""
         s, out = self.system, list[ca.SX]()
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
-            J = ca.sparsify(ca.DM(snap_zeros(s.regular_inertia[b])))
-            gyroscopic = -ca.cross(v[3:], J @ v[3:]) if turning else ca.SX.zeros(3)
+            gyroscopic = -ca.cross(v[3:], self.J[b] @ v[3:]) if turning else ca.SX.zeros(3)
             out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), gyroscopic))
         for kind, declared in forces.DECLARED.items():
             e = express_push(kind)
@@ -204,10 +205,7 @@ class SymbolicMechanism:
             for m, numbers in enumerate(list_force_parameters(s, kind)):
                 j = int(getattr(s, f"{kind}_j")[m]) if declared.pair else GROUND
                 ends = int(getattr(s, f"{kind}_i")[m]), j
-                load = free(*join_ends(at, ends), at.t, numbers)
-                for e_b, b in enumerate(ends):
-                    if b != GROUND:
-                        out[b] = out[b] + load[6 * e_b : 6 * e_b + 6]
+                add_to_bodies(out, ends, free(*join_ends(at, ends), at.t, numbers))
         return out
 
     def _divide_by_mass(self, b: int, load: ca.SX) -> ca.SX:
@@ -221,6 +219,13 @@ class SymbolicMechanism:
             for b, a in row.A.items():
                 load[b] = load[b] + a * x[k]
         return [w_b + self._divide_by_mass(b, load[b]) for b, w_b in enumerate(w)]
+
+
+def add_to_bodies(w: list[ca.SX], body: Sequence[int], load: ca.SX) -> None:
+    """Add the ``load`` on a pair of bodies to their entries in ``w``, in place; the ground bears any."""
+    for e, b in enumerate(body):
+        if b != GROUND:
+            w[b] = w[b] + load[6 * e : 6 * e + 6]
 
 
 def join_ends(at: SymbolicState, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:

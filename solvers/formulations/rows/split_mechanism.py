@@ -43,9 +43,7 @@ class SplitMechanism(SymbolicMechanism):
         phi, phi_t, gamma = (ca.SX.sym(name, n) for name in ("phi", "phi_t", "gamma"))
         rows = {k: SymbolicRow(a, phi[k], phi_t[k], gamma[k]) for k, a in fill(A).items()}
         factor, shares, couple = self._make_factor(rows, [A], shift)
-        numbers = factor.exchange_numbers()
-        kept = ca.SX.sym("factor", numbers.numel())
-        factor.exchange_numbers(kept)
+        numbers, kept = factor.exchange_numbers()
         poses, by_body = [at.t, at.r, at.R, at.v], ca.vertsplit(w, 6)
 
         def listed(values: dict[int, Any]) -> ca.SX:

@@ -8,7 +8,7 @@ motion at the end turns by theta = T dOmega1. It leaves out the slopes of M_bar 
 by the forces: of order dt^2.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from math import prod
 from typing import Any
@@ -17,7 +17,6 @@ import casadi as ca
 import numpy as np
 
 from ....harness.base.generated import GeneratedFunction, Loop
-from ....harness.mechanics.fixed_order import inverse
 from .expressions import (
     differentiate_by_pose,
     differentiate_pose,
@@ -27,16 +26,7 @@ from .expressions import (
     make_matrix,
 )
 from .loops import substitute_bodies
-from .mechanism import (
-    JointPart,
-    SymbolicMechanism,
-    SymbolicState,
-    join_ends,
-    list_exact_joint_parameters,
-    make_column,
-    multiply_row,
-    snap_zeros,
-)
+from .mechanism import JointPart, SymbolicMechanism, SymbolicState, add_to_bodies, make_column, multiply_row
 from .numbers import NUMBERS
 
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
@@ -101,8 +91,7 @@ def wrench_loops(
     rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31); ``use_f_bar``: with f_bar of Eq.
     (30).
     """
-    bodies = [[ca.SX.sym(f"{part}_{end}", size) for part, size in IN_SPACE] for end in ("i" if ground else "ij")]
-    i, j = [*bodies, [ca.SX.zeros(3), ca.vec(ca.densify(ca.SX.eye(3))), ca.SX.zeros(6), ca.SX.zeros(22)]][:2]
+    (i, j), bodies = _make_bodies(IN_SPACE, ground)
     t, numbers, plan = ca.SX.sym("t"), ca.SX.sym("p", NUMBERS), ca.SX.sym("plan", 3)
     x, nu_start = (ca.SX.sym(name, len(rows)) for name in ("x", "nu_start"))
     poses, velocities = ca.vertcat(*i[:2], *j[:2]), ca.vertcat(i[2], j[2])
@@ -144,14 +133,9 @@ def newton_loops(
     ``symmetric``: in the symmetric gauge; ``use_f_bar``: with f_bar of Eq. (30); ``couple``: with slopes of each body's
     load by the other body, and of f_bar.
     """
-    e, n, ends = express_rows(kind, rows), len(rows), 1 if ground else 2
-    i, j = ([ca.SX.sym(f"{part}_{end}", size) for part, size in BODY] for end in "ij")
-    both = [i, [ca.SX.zeros(3), ca.vec(ca.SX.eye(3)), *(ca.SX.zeros(size) for _, size in BODY[2:])] if ground else j]
-    moving = both[:ends]
-    plan = ca.SX.sym("plan", 3)
-    half, B, gauge = plan[0], plan[1], plan[2]
-    names = "nu", "on_D", "on_D_dot", "nu_start", "G0", "stiffness", "on_phi_dot", "on_phi"
-    symbols = nu, on_D, on_D_dot, nu_start, G0, stiffness, on_phi_dot, on_phi = [ca.SX.sym(name, n) for name in names]
+    e, n, (both, moving), plan = express_rows(kind, rows), len(rows), _make_bodies(BODY, ground), ca.SX.sym("plan", 3)
+    ends, (half, B, gauge) = len(moving), ca.vertsplit(plan)
+    symbols = nu, on_D, on_D_dot, nu_start, G0, stiffness, on_phi_dot, on_phi = [ca.SX.sym("x", n) for _ in range(8)]
     inertias = [(b[4][0], make_matrix(b[4][1:10]), make_matrix(b[4][10:19]), b[3]) for b in moving]
     m_bar, f_bar, c = measure_rows(e.A, inertias, direction)
     D = e.A.T  # torques in the body
@@ -218,6 +202,14 @@ def list_by_ends(w: ca.SX) -> list[ca.SX]:
     return [ca.densify(w[at : at + 6]) for at in range(0, w.numel(), 6)]
 
 
+def _make_bodies(parts: Sequence[tuple[str, int]], ground: bool) -> tuple[list[list[ca.SX]], list[list[ca.SX]]]:
+    """Return symbols of the ``parts`` of bodies i and j, at rest where that is the ground, and of those that move."""
+    i, j = ([ca.SX.sym(f"{part}_{end}", size) for part, size in parts] for end in "ij")
+    if not ground:
+        return [i, j], [i, j]
+    return [i, [ca.SX.zeros(3), list_by_rows(ca.SX.eye(3)), *(ca.SX.zeros(size) for _, size in parts[2:])]], [i]
+
+
 def _name_entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
     """Return symbols and values of the entries of a matrix that vary, and the matrix in these symbols."""
     values, fill = distinct_entries(Z)
@@ -240,36 +232,32 @@ class SimplifiedStep(SymbolicMechanism):
         ``correct`` (t, r, R, factor) -> (r, R); ``copy`` (v, nu) and ``copy_poses`` (r, R).
         """
         nb, n, at, plan = self.system.nb, len(self.order), self.state(), ca.SX.sym("plan", 3)
-        half, none = plan[0], ca.SX(0)
-        B = b_term * half
+        half, B = plan[0], b_term * plan[0]
         nu, nu_start, known = ca.SX.sym("nu", n), ca.SX.sym("nu_start", n), ca.SX.sym("known", 6 * nb)
         R = [make_matrix(part) for part in ca.vertsplit(at.R, 9)]
-        velocities = ca.vertsplit(at.v, 6)
+        velocities, w, first = ca.vertsplit(at.v, 6), ca.vertsplit(known, 6), list[ca.SX]()
         spun = at._replace(v=ca.vertcat(*(x for b, v in enumerate(velocities) for x in (v[:3], R[b] @ v[3:]))))
-        first, w = [self._momentum(b, v, R[b], half) for b, v in enumerate(velocities)], ca.vertsplit(known, 6)
-        values: list[ca.SX] = []
-        starts: list[tuple[int, Callable[[Any], ca.SX]]] = []
-        f_bars, slips = [none] * n, [none] * n
-        joints = [(part, slice(part.first, part.first + len(part.of))) for part in self.parts]
-        for part, own in joints:
+        for b, v in enumerate(velocities):  # momenta in space, and the impulse of gravity
+            weight = 2.0 * half * ca.SX(ca.DM(self.system.mass[b] * self.system.gravity))
+            first.append(ca.vertcat(self.system.mass[b] * v[:3] + weight, R[b] @ (self.J[b] @ v[3:])))
+        values, symbols, f_bars, slips = (list[ca.SX]() for _ in range(4))
+        for part in self.parts:
+            own = slice(part.first, part.first + len(part.of))
             Z, D, f_bar, slip, _ = self._express_part(part, direction, spun, B)
-            load = D @ (-half * f_bar) if use_f_bar else ca.SX.zeros(Z.shape[0])
+            Z_end, *_ = self._express_part(part, direction, spun, -B)
+            f_bar = f_bar if use_f_bar else ca.SX(len(part.of), 1)
+            load = D @ (-half * f_bar)
             if keep_nu:
                 load -= Z @ nu_start[own]
-            self._add_to_bodies(first, part, load)
+            add_to_bodies(first, part.body, load)
             distinct, fill = distinct_entries(Z)
-            starts.append((len(values), fill))
-            values += distinct
-            slips[own] = ca.vertsplit(slip)
-            f_bars[own] = ca.vertsplit(f_bar) if use_f_bar else [none] * len(part.of)
-        kept = ca.SX.sym("kept", max(1, len(values)))
-        for (part, own), (at_first, fill) in zip(joints, starts, strict=True):
-            Z, D, f_bar, *_ = self._express_part(part, direction, spun, -B)
-            distinct, filled = distinct_entries(Z - gauge * fill(kept[at_first:]) if gauge else Z)
-            load = filled(distinct) @ nu[own]
-            self._add_to_bodies(w, part, load - half * (D @ f_bar) if use_f_bar else load)
+            kept = ca.SX.sym("kept", len(distinct))
+            distinct_end, fill_end = distinct_entries(Z_end - gauge * fill(kept) if gauge else Z_end)
+            add_to_bodies(w, part.body, fill_end(distinct_end) @ nu[own] - half * (D @ f_bar))
+            values, symbols = [*values, *distinct], [*symbols, kept]
+            slips, f_bars = [*slips, slip], [*f_bars, f_bar]
 
-        rows, poses = self._rows(at), [at.t, at.r, at.R]
+        rows, poses, given = self._rows(at), [at.t, at.r, at.R], [at.t, plan, at.r, at.R, at.v]
         factor, shares, couple = self._make_factor(rows, poses)
         free = [self._divide_by_mass(b, ca.vertcat(p[:3], R[b].T @ p[3:])) for b, p in enumerate(w)]
         whole = [factor.inverse[k] > 0 for k in self.order]
@@ -277,58 +265,37 @@ class SimplifiedStep(SymbolicMechanism):
         products = [prod(ratios[c : c + IN_A_PRODUCT]) for c in range(0, n, IN_A_PRODUCT)]
         log_det = sum((ca.log(x) for x in products), ca.SX(0)) / np.log(10.0)
         found = ca.vertcat(sum(whole, ca.SX(0)), log_det)
-        numbers = factor.exchange_numbers()
-        told = ca.SX.sym("factor", numbers.numel())
-        factor.exchange_numbers(told)
+        numbers, told = factor.exchange_numbers()
         x = factor.solve({k: -multiply_row(row, free) for k, row in rows.items()})
         v = self._add_response(free, rows, x)
-        square = sum((self._energy(b, a - o) for b, (a, o) in enumerate(zip(v, velocities, strict=True))), ca.SX(0))
-        change = make_column([x[k] for k in range(n)])
+        changes = [a - o for a, o in zip(v, velocities, strict=True)]
+        squares = (
+            self.system.mass[b] * ca.dot(c[:3], c[:3]) + ca.dot(c[3:], self.J[b] @ c[3:]) for b, c in enumerate(changes)
+        )
         closed = self._close_joints(at, rows, factor)
-        made = [ca.vertcat(*first), ca.vertcat(*values) if values else ca.SX(1, 1), *map(make_column, (slips, f_bars))]
-        iterated = [ca.vertcat(*v), nu + change * (1.0 / (1.0 - gauge)), square]
+        made = [ca.vertcat(*first), *map(make_column, (values, slips, f_bars))]
+        iterated = [
+            ca.vertcat(*v),
+            nu + make_column([x[k] for k in range(n)]) * (1.0 / (1.0 - gauge)),
+            sum(squares, ca.SX(0)),
+        ]
         return {
-            "begin": GeneratedFunction([at.t, plan, at.r, at.R, at.v, nu_start], made),
+            "begin": GeneratedFunction([*given, nu_start], made),
             "factor": GeneratedFunction([*poses, *self._bounds], [numbers, found, *shares]),
             **couple,
-            "iterate": GeneratedFunction([at.t, plan, at.r, at.R, at.v, known, kept, nu, told], iterated),
+            "iterate": GeneratedFunction([*given, known, make_column(symbols), nu, told], iterated),
             "correct": GeneratedFunction([*poses, told], [closed.r, closed.R]),
             "copy": GeneratedFunction([at.v, nu], [at.v, nu]),
             "copy_poses": GeneratedFunction(poses[1:], poses[1:]),
-        }, [kept.numel(), numbers.numel()]
-
-    def _momentum(self, b: int, v: ca.SX, R: ca.SX, half: ca.SX) -> ca.SX:
-        """Return (m r_dot + dt m g, R J Omega) of body ``b``: its momentum in space plus the impulse of gravity."""
-        weight = 2.0 * half * ca.SX(ca.DM(self.system.mass[b] * self.system.gravity))
-        return ca.vertcat(self.system.mass[b] * v[:3] + weight, R @ (self._inertia(b) @ v[3:]))
-
-    def _energy(self, b: int, v: ca.SX) -> ca.SX:
-        """Return v . M v of body ``b``, twice the kinetic energy at its velocities ``v`` (6,)."""
-        return self.system.mass[b] * ca.dot(v[:3], v[:3]) + ca.dot(v[3:], self._inertia(b) @ v[3:])
-
-    def _inertia(self, b: int) -> ca.DM:
-        """Return the inertia of body ``b`` about C, with exact zeros instead of rounding."""
-        return ca.sparsify(ca.DM(snap_zeros(self.system.regular_inertia[b])))
+        }, [len(values), numbers.numel()]
 
     def _express_part(self, part: JointPart, direction: int, spun: SymbolicState, B: ca.SX) -> list[ca.SX]:
         """Return the results of ``express_wrenches`` for a joint's rows; ``spun`` has velocities in space."""
         s, bodies = self.system, [ca.DM.zeros(22), ca.DM.zeros(22)]
         for end, b in enumerate(part.body):
             if b >= 0:
-                J = s.regular_inertia[b]
-                numbers = (
-                    s.mass[b] * s.gravity,
-                    s.mass[b : b + 1],
-                    snap_zeros(inverse(J)).ravel(),
-                    snap_zeros(J).ravel(),
-                )
-                bodies[end] = ca.DM(np.concatenate(numbers))
-        given = [*join_ends(spun, part.body), spun.t, list_exact_joint_parameters(s, part.joint), *bodies, B]
+                inertias = ca.vec(ca.DM(self.J_inv[b]).T), ca.vec(ca.DM(self.J[b]).T)
+                bodies[end] = ca.vertcat(ca.DM(s.mass[b] * s.gravity), s.mass[b], *inertias)
+        given = [*self._list_inputs(part, spun), *bodies, B]
         wrench = express_wrenches(part.kind, part.of, 2 if part.body[1] >= 0 else 1, direction)
         return list(wrench(*given, ca.SX.zeros(len(part.of))))
-
-    def _add_to_bodies(self, w: list[ca.SX], part: JointPart, load: ca.SX) -> None:
-        """Add the ``load`` of a joint to the entries of its bodies in ``w``, which is changed."""
-        for e, b in enumerate(part.body):
-            if b >= 0:
-                w[b] = w[b] + load[6 * e : 6 * e + 6]
