@@ -19,7 +19,7 @@ def step(s):
         {test}
         s.x -= solve(s.J, r)
 """
-CROSSING, OF_A_RUN, OF_A_VERDICT = 142, 25, 24
+CROSSING, OF_A_RUN, OF_A_VERDICT = 135, 25, 24
 SAMPLES = {  # a text that is of the kind, and one that looks like it
     "spanning trees": (
         "def f(s):\n  queue = [GROUND]\n  for b in queue:\n    queue.extend(near[b])",

@@ -7,30 +7,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...columns.declared.constraints import ConstraintColumns
-from ...columns.declared.ending import EndingColumns
-from ...columns.declared.energy import EnergyColumns
-from ...columns.declared.errors import ErrorColumns
-from ...columns.declared.settings import SettingColumns
-from ...columns.declared.way_back import WayBackColumns
-from ...columns.declared.work import WorkColumns
 from ...columns.declaring import Declaration, find_series_name, read_declaration
 from ...columns.measured import MeasuredMotion, MeasuredSeries
 from ...columns.numbers import find_largest
+from ...columns.record import Columns
 from ...mechanics.types import Problem, Trajectory
 
-MEASURED = (  # topics with columns that are measured
-    SettingColumns,
-    EndingColumns,
-    EnergyColumns,
-    ConstraintColumns,
-    ErrorColumns,
-    WayBackColumns,
-    WorkColumns,
-)
-
-
-DECLARED = {c.name: read_declaration(c) for topic in MEASURED for c in dataclasses.fields(topic)}
+DECLARED = {c.name: read_declaration(c) for c in dataclasses.fields(Columns)}
 
 
 def make_columns(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict[str, Any]:
