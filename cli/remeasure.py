@@ -8,13 +8,16 @@ from ..harness.run.remeasure import find_outdated, replace_outdated
 from ..harness.run.runner import Request
 from .arguments import UsageError, count_jobs, load_plugins
 from .progress import announce_suite, run_watched
-from .terminal import make_console, make_error_console, plural, print_json, print_unreadable
+from .terminal import list_unreadable, make_console, make_error_console, plural, print_json, print_unreadable
 
 NAMED = 20  # most runs listed that stay unchanged
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure again the runs that other code measured; return 1 if one stays unchanged or is unreadable, else 0."""
+    """Measure again the runs that other code measured; return 1 if one stays unchanged or is unreadable, else 0.
+
+    Damaged files of the folder that were replaced are named as set aside.
+    """
     folder, plugins = arguments.results, load_plugins(arguments.plugin)
     loaded = store.load(folder)
     records = store.select_newest(loaded.records)
@@ -32,10 +35,13 @@ def run(arguments: argparse.Namespace) -> int:
         f"{plural(len(outdated), 'run')} of {folder} to be solved once more and measured{took}", make_error_console()
     )
     done = replace_outdated(folder, outdated, count_jobs(arguments.jobs), solve, plugins)
-    same, unreadable = len(records) - len(outdated), {**loaded.unreadable, **done.set_aside}
+    same, unreadable = len(records) - len(outdated), loaded.unreadable
+    for line in list_unreadable("set aside", [(path.name, why) for path, why in done.set_aside.items()]):
+        make_error_console().print(line, highlight=False, soft_wrap=True)
     if arguments.json:
         left = {r.run_id: why for r, why in done.left}
         print_json({"measured_again": len(done.records), "of_this_code": same, "left": left})
+        print_unreadable(unreadable)
         return 1 if left or unreadable else 0
     out = make_console()
     out.print(f"{plural(len(done.records), 'run')} measured again, {same} were of this code", highlight=False)

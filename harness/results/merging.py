@@ -34,7 +34,8 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
     """Copy the records of the folders ``sources`` that ``out`` does not have yet, each after its files.
 
     Records that both have but with other numbers are reported as conflicts; the first is kept. Damaged files are
-    reported. Raise FileError if ``out`` is one of the sources.
+    reported; one of ``out`` that is written anew is moved to its ``set_aside/`` first. Raise FileError where ``out`` is
+    one of the sources.
     """
     found = [store.load(source) for source in sources]  # before anything is written
     if any(source.resolve() == out.resolve() for source in sources):
@@ -44,7 +45,7 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
         there = store.load(out)
         kept = {r.run_id: r for r in there.records}
         origin = dict.fromkeys(kept, out)
-        unreadable, conflicts, added = dict(there.unreadable), [], 0
+        unreadable, conflicts, added = {**there.unreadable, **find_faults(out)}, [], 0
         for source, loaded in zip(sources, found, strict=True):
             unreadable |= loaded.unreadable
             for record in loaded.records:
@@ -61,7 +62,7 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
                 added += 1
             _copy_environment(source, out)
             unreadable |= find_faults(source)
-            unreadable |= add_column_digests(out, *read_stored_digests(source).values())
+            add_column_digests(out, *read_stored_digests(source).values())
         store.write_table(out, store.load(out, check_series=False).records)
     records = tuple(sorted(kept.values(), key=lambda r: (r.problem, r.solver, r.case)))
     return MergeOutcome(records, added, unreadable, tuple(conflicts), find_codes(records))

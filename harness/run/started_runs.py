@@ -51,5 +51,5 @@ def is_same(found: RunRecord, promised: RunRecord | None) -> bool:
 
 
 def list_foreign(folder: Path, records: Iterable[RunRecord]) -> list[dict[Path, str]]:
-    """Return, for each record that something else wrote, the list of its files with that reason."""
+    """Return, for each record that something else wrote, its files with that reason."""
     return [list_record_files(folder, r, WHY) for r in records]

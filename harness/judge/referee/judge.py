@@ -110,8 +110,7 @@ def write_judgements(folder: ConfinedPath, judged: Mapping[str, Any], codes: Map
 def describe_outdated(folder: ConfinedPath, place: RegisterPlace = PAPER, now: CodeDigests | None = None) -> str:
     """Describe in one line what changed since the verdicts in ``folder`` were published; empty if nothing did.
 
-    The line gives the commands that renew them. ``now`` are the digests of the present code if they
-    are known.
+    The line gives the commands that renew them. ``now`` are the digests of the present code if they are known.
     """
     published = bring_forward(files.read_claims_code(folder, place.file))
     return describe_changes(published, now or digest_code(place), place.whole)

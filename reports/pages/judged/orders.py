@@ -52,7 +52,9 @@ def describe_order(o: Order) -> str:
     runs = len(o.dt) + o.unfinished + o.unmeasured
     unfinished = f"{o.unfinished} of {runs} runs did not finish" if o.unfinished and o.verdict != "refused" else ""
     unmeasured = f"{o.unmeasured} of {runs} runs have no error to measure" if 0 < o.unmeasured < runs else ""
-    return "; ".join(filter(None, (*_describe_fit(o), unfinished, unmeasured, *(NOTES[n] for n in o.notes))))
+    return "; ".join(
+        filter(None, (*_describe_fit(o), unfinished, unmeasured, *(NOTES.get(n, n.value) for n in o.notes)))
+    )
 
 
 def _describe_fit(o: Order) -> list[str]:

@@ -48,7 +48,7 @@ def tally(found: Sequence[Symmetry]) -> tuple[Mark, str]:
 def describe_symmetry(s: Symmetry) -> str:
     """Describe the difference between the ends of two runs, its bound, and how the bound is composed."""
     if s.unjudged is not None:
-        return UNJUDGED[s.unjudged].format(status=s.status, message=s.message or "no message")
+        return UNJUDGED.get(s.unjudged, s.unjudged.value).format(status=s.status, message=s.message or "no message")
     parts = [f"a tenth of the tolerance moves the end by {s.level:.1e} m"]
     if s.halved > 0.0:
         parts.append(f"half the step by {s.halved:.1e} m")
