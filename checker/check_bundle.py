@@ -745,11 +745,11 @@ class Problem:
         ``change``: what the rates change by, a thousandth of them, since they may be constant, and
         rounding. The equations lead elsewhere if ``count`` steps of the fourth order end farther
         than a tenth of it from the next states. It is clear where half as many steps end as near as
-        a hundredth of it; not for systems that take too long, nor where a body turns by over 1.
+        a hundredth of it; not for systems that take too long, nor for steps of over half a radian.
         """
         h = last[:, TIME] - first[:, TIME]
         turn = norm(unpack(first).Omega).max(initial=0) * h.max(initial=0)
-        if self.find_size() > 2e6 or self.has_user_forces or not turn < 1:
+        if self.find_size() > 2e6 or self.has_user_forces or not turn < count / 2:
             return False, False
         try:
             fine, coarse = self.follow(first, h, count), self.follow(first, h, count // 2)

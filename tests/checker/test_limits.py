@@ -100,6 +100,7 @@ def test_a_motion_is_judged_while_the_stated_error_is_small(stated, judged):
         motion_error=np.zeros(10),
         require=lambda *words: None,
         compare=lambda column, value, *more: found.update({column: value}),
+        check_time=lambda column, value, *more: found.update({column: value}),
     )
     checker.Run.check_errors_in_time(run)
     assert found["judged_to_s"] == judged
