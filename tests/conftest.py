@@ -18,7 +18,7 @@ import mbsbench.tests.shape_checks  # noqa: F401 - the hook looks it up by its n
 
 ROOT = Path(__file__).resolve().parents[1]
 SHAPED = ("cli", "harness", "problems", "solvers", "reports")
-COMPILED = ("user_forces", "methods", "compiled", "passes", "rows")  # what numba compiles takes no wrapper
+COMPILED = ("user_forces", "iteration", "tableaux", "methods", "compiled", "passes", "rows")  # numba takes no wrapper
 LOOKS = ("code_meter",)  # it looks at who calls it, which a wrapper would be
 EXTENDED = ("exact",)  # jaxtyping has no dtype of 64 bits of mantissa
 if os.environ.get("SHAPES") == "1":
