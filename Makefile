@@ -32,7 +32,7 @@ COMPARE := $(BIN)/python -m mbsbench.tests.processors.compare_bits
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test release core attacks mutants exam test-shapes test-python test-versions test-published test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
+.PHONY: help setup test test-rest release core attacks mutants exam test-shapes test-python test-versions test-published test-engines engines test-arm64 test-slow browser check docs format bench bench-kernels timing gate report paper figures pictures joints article tex slurm test-slurm qemu test-processors clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -47,8 +47,12 @@ $(READY): locks/requirements.lock pyproject.toml
 	mkdir -p $(VENV)/src && ln -sfn ../.. $(VENV)/src/mbsbench
 	@touch $@
 
-test: $(READY) ## run all tests but the slow ones and those of engines and of published results
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 3 --dist worksteal -m "not slow and not engine and not published" --benchmark-disable
+SUITE := $(BIN)/python -m pytest -q -n 3 --dist worksteal -m "not slow and not engine and not published" --benchmark-disable
+test: $(READY) ## run the tests in minutes: the short ones, and of long sweeps a few cases; not those of engines and of published results
+	PYTHONDONTWRITEBYTECODE= $(SUITE) --cases few
+
+test-rest: $(READY) ## run the cases that `make test` leaves out
+	PYTHONDONTWRITEBYTECODE= $(SUITE) --cases rest
 
 test-published: $(READY) ## run the tests that hold published results and pictures against this code
 	$(BIN)/python -m pytest -q -m "published and not slow" --benchmark-disable tests/cli tests/harness/judge/referee tests/harness/lab/shadow tests/reports

@@ -56,12 +56,39 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
     return None
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--cases``: which cases of tests marked ``sampled`` run."""
+    parser.addoption(
+        "--cases",
+        choices=("all", "few", "rest"),
+        default="all",
+        help="all; few: n cases of tests marked sampled(n), and all other tests; rest: what few leaves out",
+    )
+
+
+@pytest.hookimpl(trylast=True)  # after -m and -k, so that cases are sampled from those that would run
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out tests of commands, files and engines of rooms which a copy of the core lacks."""
-    beyond = [item for item in items if CORE_ALONE and item.get_closest_marker("beyond_core")]
-    if beyond:
-        config.hook.pytest_deselected(items=beyond)
-        items[:] = [item for item in items if item not in beyond]
+    """Leave out tests of rooms which a copy of the core lacks, and cases that ``--cases`` does not ask for."""
+    left_out = {item for item in items if CORE_ALONE and item.get_closest_marker("beyond_core")}
+    cases = config.getoption("cases")
+    if cases != "all":
+        left_out |= set(items) - sample_cases(items) if cases == "few" else sample_cases(items)
+    if left_out:
+        config.hook.pytest_deselected(items=list(left_out))
+        items[:] = [item for item in items if item not in left_out]
+
+
+def sample_cases(items: list[pytest.Item]) -> set[pytest.Item]:
+    """Return the cases of ``make test``: n cases at even distances of tests marked ``sampled(n)``, and all others."""
+    by_test: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        by_test.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    chosen: set[pytest.Item] = set()
+    for of_test in by_test.values():
+        marker = of_test[0].get_closest_marker("sampled")
+        n = len(of_test) if marker is None else min(marker.args[0], len(of_test))
+        chosen.update(of_test[k * len(of_test) // n] for k in range(n))
+    return chosen
 
 
 def pytest_collection_finish() -> None:
