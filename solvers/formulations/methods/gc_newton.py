@@ -8,7 +8,8 @@ With nu = M_bar mu, P = (m r_dot, R J Omega), D nu the spatial wrench of the row
 w is the applied wrench plus D G with G = C_bar mu + K_bar lam - f_bar; nu0 = gauge nu1 + nu_start; rotational rows of
 (74) are rotated back by R1^T. Joints bring their part by functions of ``rows.wrenches``. The linear system is the
 proximal saddle ``[[J_vv, -D'], [A, (Xi M_bar)^-1]]``: with Xi infinite it is that of Sect. 4.2; with a finite penalty
-it is one correction and one augmentation (84), (85) of Sect. 4.3 at once.
+it is one correction and one augmentation (84), (85) of Sect. 4.3 at once. ``step`` is the bundle of ``make_step``, its
+``scheme`` has settings and state, and its ``terms`` have one value for each row.
 """
 
 import math
@@ -107,7 +108,7 @@ def make_newton_method(system: MultibodySystem, settings: Settings) -> Method:
 
 
 def make_step(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, settings: Settings) -> Any:
-    """Make the bundle of one step: its arrays and entries; no step is taken."""
+    """Make the bundle of one step: its arrays, the pattern of its matrix, and compiled entries; no step is taken."""
     nr, pair_at = len(kernel.lam), {(int(a), int(b)): n for n, (a, b) in enumerate(kernel.pair)}
     forces = [(getattr(system, f"{kind}_i"), getattr(system, f"{kind}_j")) for kind in ("spring", "torsion", "user")]
     pushed = {(int(a), int(b)) for ends in forces for a, b in zip(*ends, strict=True)}
@@ -142,13 +143,14 @@ def make_step(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, s
 
 
 def bind_joints(system: MultibodySystem, step: Any, settings: Settings) -> dict[str, Any]:
-    """Return programs for the functions ``OF_JOINTS``, on the arrays of a step. All read the same arrays."""
+    """Return programs for the functions ``OF_JOINTS`` by name, on the arrays of a ``step``; all read the same."""
     kernel, loops = step.kernel, Loops(system, step.kernel)
     couple, symmetric = bool(settings.couple), settings.gauge != 0.0
     inertia = np.concatenate((kernel.mass[:, None], kernel.J.reshape(-1, 9), kernel.J_inv.reshape(-1, 9)), axis=1)
     bodies = (kernel.r, 3), (kernel.R, 9), (kernel.v, 6), (kernel.force, 6), (inertia, 19), (step.T, 9)
 
     def list_arrays(group: ElementGroup, code: Code) -> dict[str, list[Any]]:
+        """Return the arguments of each function for a group of joints, with memory for the Z0 kept."""
         own, six = group.rows, slice(6 * group.rows.start, 6 * group.rows.stop)
         kept = np.zeros((len(kernel.lam[own]), len(group.ends), 6))  # of each joint in turn
         read, measured = ([getattr(step.terms, name)[own] for name in of] for of in (TERMS_READ, TERMS_MEASURED))
@@ -167,7 +169,7 @@ def bind_joints(system: MultibodySystem, step: Any, settings: Settings) -> dict[
 
 
 def explain(step: Any, outcome: int) -> str:
-    """Return the message for an ``outcome`` of a march that failed: the tolerance that was missed, and by how much."""
+    """Return the message for an ``outcome`` of a march that failed: the tolerance missed, and the norms reached."""
     cuts = step.scheme["max_cuts"]
     if outcome == NOT_FINITE:
         return f"not a finite number with the step cut {cuts} times"
@@ -179,7 +181,7 @@ def explain(step: Any, outcome: int) -> str:
 
 
 def start(step):
-    """Compute the terms of the equations at the start, with its mu."""
+    """Compute the terms of the equations at the start of the march; mu0 is 0 or, with ``velocity``, c . M v / M_bar."""
     kernel, terms = step.kernel, step.terms
     clear(terms.nu)
     run(step.complete)
@@ -200,9 +202,9 @@ def start(step):
 
 
 def take_step(step):
-    """Take a step of ``control.h``; where it fails, or turns too far and may be cut, set ``control.status``.
+    """Take a step of ``control.h``; where it fails, set ``control.status`` and reset the kernel to the step's start.
 
-    The kernel is then left at the start of the step.
+    A step in which a body would turn further than ``max_turn`` is not tried as long as it may be cut: it has failed.
     """
     control, scheme, kernel, omega2 = step.control, step.scheme, step.kernel, 0.0
     scheme.corrections = control.iterations
@@ -225,7 +227,10 @@ def take_step(step):
 
 
 def finish(step):
-    """Accept the end of the step: set ``lam`` to the mean row force of the step, and carry mu, lam and sigma."""
+    """Accept the end of the step: set ``lam`` to the mean row force, carry mu, lam and sigma, and set diagnostics.
+
+    With ``closes_pose`` the poses are corrected first, unless the factor is void, as after a loose step.
+    """
     control, scheme, terms, h = step.control, step.scheme, step.terms, step.control.h
     if scheme.outcome == LOOSE:
         control.loose_steps += 1
@@ -263,7 +268,7 @@ def finish(step):
 
 
 def keep_end(step):
-    """Make the end of the step the start of the next one: forces and terms of suffix 1 are copied to suffix 0."""
+    """Make the end of the step the start of the next one: copy forces and terms of suffix 1 to those of suffix 0."""
     terms = step.terms
     copy(step.kernel.force, step.force0)
     copy(terms.phi1, terms.phi0)
@@ -275,7 +280,7 @@ def keep_end(step):
 
 @compile_separately
 def _attempt(step, omega2):
-    """Try one step from its start to its end, first estimate included; return its outcome.
+    """Try one step from its start to its end, first estimate included; return CONVERGED, LOOSE or FAILED_STEP.
 
     Near a singular configuration the proximal saddle may not converge, as phi = O(dt^2) makes phi_dot = 0 inconsistent
     along the direction that is being lost. There the step is repeated by the nested loop, with a penalty so low that
@@ -283,11 +288,11 @@ def _attempt(step, omega2):
     [rad^2/s^2] is the largest |Omega|^2 of all bodies.
     """
     scheme, h = step.scheme, step.control.h
-    run(step.begin_step)
-    run(step.estimate)
     if scheme.xi != scheme.penalty:  # the last step was a soft one: its factor is not that of this step
         scheme.factored = 0.0
     scheme.xi = scheme.penalty
+    run(step.begin_step)
+    run(step.estimate)
     if not scheme.always_nested:
         scheme.nested = 0
         if _newton(step) and (not scheme.redundant or scheme.slip < scheme.accept):
@@ -303,11 +308,15 @@ def _attempt(step, omega2):
 
 @compile_inline
 def _nested_loop(step):
-    """Return the outcome of the paper's loop: Newton at a fixed multiplier, then (85); LOOSE below ``accept`` alone."""
+    """Repeat Newton's iteration at a fixed multiplier, then (85), as the paper does; return the outcome of the step.
+
+    It is CONVERGED where (81) meets the tolerance, LOOSE where it meets ``accept`` after the last round, FAILED_STEP
+    else. Where (81) falls too little, the penalty grows.
+    """
     scheme, terms, before = step.scheme, step.terms, np.inf
     copy(terms.nu, terms.nu_kept)
     scheme.nested = 1
-    for _ in range(scheme.max_augmentations):
+    for n in range(scheme.max_augmentations):
         if not _newton(step):
             return FAILED_STEP
         copy(terms.nu, terms.nu_kept)  # (85): mu - xi psi
@@ -317,13 +326,30 @@ def _nested_loop(step):
         if scheme.growth > 1.0 and scheme.slip > ENOUGH * before:
             scheme.xi *= scheme.growth
             scheme.factored = 0.0
+            if scheme.lambda_bar and n + 1 < scheme.max_augmentations:  # else the end that was found stays
+                _begin_again(step)
         before = scheme.slip
     return LOOSE if scheme.slip < scheme.accept else FAILED_STEP
 
 
+@compile_inline
+def _begin_again(step):
+    """Compute G0, with lam - xi phi of Eq. (84), anew after a change of xi; the velocities of the end are kept."""
+    kernel = step.kernel
+    copy(kernel.v, step.residual)  # ``evaluate`` computes it next
+    copy(step.r0, kernel.r)
+    copy(step.R0, kernel.R)
+    copy(step.v0, kernel.v)
+    run(step.begin_step)
+    copy(step.residual, kernel.v)
+
+
 @compile_separately
 def _newton(step):
-    """Correct the end of the step until it passes the tests, with ``final`` CORRECTED once more; return if it does."""
+    """Correct the end of the step until it passes the tests (80), (81); return whether it does.
+
+    With ``final`` CORRECTED it is corrected once more then. After a failure the factor is void.
+    """
     clear(step.terms.left)
     if iterate(step, _sweep, _classify, step.scheme.max_newton + 1):
         return step.scheme.final != CORRECTED or np.isfinite(_sweep(step, 1, False))
@@ -333,9 +359,10 @@ def _newton(step):
 
 @compile_inline
 def _sweep(step, i, stale):
-    """Correct the end of the step, but for ``i`` = 0; return the norm (80) of its residual, NaN for a singular matrix.
+    """Correct the end of the step, but for ``i`` = 0, and evaluate it; return the norm (80) of its residual [sqrt(J)].
 
-    The matrix is that of an earlier estimate, of this step or of one before, unless that is ``stale``.
+    NaN is returned for a singular matrix. The matrix is that of an earlier estimate, of this step or of one before,
+    unless that is ``stale``, of another length of step, or ``refresh`` is 0.
     """
     scheme = step.scheme
     if i > 0:
@@ -350,7 +377,11 @@ def _sweep(step, i, stale):
 
 @compile_inline
 def _classify(step, i, norm, last):
-    """Return the state of the iteration: settled by (80), and by (81) where that says more; stale where it is slow."""
+    """Return SETTLED, GO_ON, STALE or FAILED by the norms (80) of this iterate and of the ``last`` one.
+
+    Settled is what passes (80), and (81) where that says more. The matrix is stale where the norm falls slowly, or at
+    the first iterate where its determinant sinks. FAILED is a norm that is not finite.
+    """
     scheme = step.scheme
     if not np.isfinite(norm):
         return FAILED
@@ -364,13 +395,13 @@ def _classify(step, i, norm, last):
 
 
 def begin_step(step):
-    """Compute G0, and the part of (74) that the end of the step does not change."""
+    """Compute G0, and ``known``, the part of (74) that the end of the step does not change; set the plan and time."""
     scheme, kernel, terms, half = step.scheme, step.kernel, step.terms, 0.5 * step.control.h
     set_plan(step, step.control.h)
     for a in range(len(terms.nu)):
         terms.G0[a] = -scheme.use_f_bar * terms.f_bar0[a]
         if scheme.corrective:
-            lam_bar = terms.lam0[a] - (scheme.penalty * terms.phi0[a] if scheme.lambda_bar else 0.0)
+            lam_bar = terms.lam0[a] - (scheme.xi * terms.phi0[a] if scheme.lambda_bar else 0.0)
             terms.G0[a] += terms.c_bar0[a] * terms.mu0[a] + terms.k_bar0[a] * lam_bar
     for b in range(len(kernel.mass)):
         v, f, out = step.v0[b], step.force0[b], step.known[b]
@@ -383,7 +414,10 @@ def begin_step(step):
 
 
 def estimate(step):
-    """Estimate velocities and nu at the end: extrapolated from the last two steps, or those of the start."""
+    """Estimate velocities and nu at the end: extrapolated linearly from the last steps, or those of the start.
+
+    The start is taken in the first step of a march, and in every step where ``extrapolate`` is 0.
+    """
     scheme, terms = step.scheme, step.terms
     ratio = scheme.extrapolate * step.control.h / scheme.last if scheme.last > 0.0 else 0.0
     for i in range(step.v0.size):
@@ -396,7 +430,11 @@ def estimate(step):
 
 
 def complete(step):
-    """Compute the forces and the terms of suffix 1 from the poses and velocities of the kernel."""
+    """Compute the forces and the terms of suffix 1 from the poses and velocities of the kernel.
+
+    These are phi, phi_dot, M_bar and f_bar and, if ``corrective``, C_bar and K_bar, with a negative K_bar of springs
+    set to 0.
+    """
     kernel, scheme, terms, c_R = step.kernel, step.scheme, step.terms, step.c_R
     run(kernel.applied_forces)
     run(step.measure)
@@ -420,7 +458,7 @@ def complete(step):
 
 
 def evaluate(step):
-    """Compute the residual of the present estimate, and its norms [sqrt(J)].
+    """Compute the residual of the present estimate of the end, and its norms ``norm`` (80) and ``slip`` (81) [sqrt(J)].
 
     (80): sqrt(R_v . M^-1 R_v + R_mu . M_bar R_mu), R_mu being (75) over M_bar; (81): sqrt(phi_dot . M_bar phi_dot).
     """
@@ -428,7 +466,7 @@ def evaluate(step):
     kernel.t[0] = step.control.t + step.control.h
     move_poses(step)
     run(step.complete)
-    xi, by_lam = (scheme.penalty, 2.0) if scheme.lambda_bar else (0.0, 1.0)  # nested: -xi dphi1 = dt/2 dmu1, too
+    xi, by_lam = (scheme.xi, 2.0) if scheme.lambda_bar else (0.0, 1.0)  # nested: -xi dphi1 = dt/2 dmu1, too
     total, slip = 0.0, 0.0
     for a in range(len(terms.nu)):
         m_bar = terms.m_bar[a]
@@ -473,7 +511,7 @@ def evaluate(step):
 
 
 def assemble(step):
-    """Assemble the matrix of Eq. (79) at the present estimate."""
+    """Assemble the matrix of Eq. (79) at the present estimate, the proximal saddle, in ``saddle``."""
     kernel, scheme, terms, half = step.kernel, step.scheme, step.terms, 0.5 * step.control.h
     K = step.saddle.bodies
     clear(K)
@@ -511,7 +549,7 @@ def assemble(step):
 
 
 def refresh(step):
-    """Assemble and factorise the matrix of Eq. (79) at the present estimate; ``lu.state.singular`` tells a failure.
+    """Assemble and factorise the matrix of Eq. (79) at the present estimate; ``lu.state.singular`` reports a failure.
 
     With a penalty, its determinant is monitored: the product of the constraint rows' |pivots| times M_bar, which is
     det(A M^-1 D' + (Xi M_bar)^-1) in scaled rows. Each redundant row gives a constant 1/xi; near a loss of rank the
@@ -532,7 +570,10 @@ def refresh(step):
 
 
 def correct(step):
-    """Apply Newton's correction (78) to velocities and nu, with the kept factorisation."""
+    """Apply Newton's correction (78) to velocities and nu, with the present factor.
+
+    With redundant rows, away from a loss of rank, their part of the correction is removed first.
+    """
     scheme, x = step.scheme, step.lu.x
     for i in range(len(step.body_at)):
         x[step.body_at[i]] = -step.residual.flat[i]
@@ -580,7 +621,7 @@ def leave_redundant(step):
 
 
 def correct_pose(step):
-    """Correct the poses of the end once with the kept factorisation: the least change onto phi = 0 to first order.
+    """Correct the poses of the end once with the present factor: to first order the least change onto phi = 0.
 
     With phi = O(dt^2) along the direction lost in a singular configuration the mechanism would miss it by sqrt(phi).
     """

@@ -141,6 +141,7 @@ FIXED: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     (GC, {**SHARP, "estimate": "start"}, ("springs",)),
     (AL, {**NESTED, "penalty": 10.0, "penalty_growth": 10.0}, ("planar loop",)),
     (AL, {**NESTED, "k_bar": 5.0, "lambda_bar": True}, ("springs",)),
+    (AL, {**NESTED, "k_bar": 2e3, "lambda_bar": True, "penalty": 0.1, "penalty_growth": 100.0}, ("linkage",)),
     (AL, {**NESTED, **AS_PRINTED, "c_bar": 2.0, "k_bar": 5.0}, ("linkage",)),
     ("rattle", {}, ("springs", "linkage", "top", "repeated joint", "user forces")),
     ("lie_variational", {}, ("springs", "linkage", "planar loop")),

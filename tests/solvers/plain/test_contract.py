@@ -157,6 +157,7 @@ def steps_of(motion):
 OF_JOINTS = ({}, {"corrective": False}, {**AS_PRINTED, "direction": "mass"})
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("kind", "ground", "options"), diagonal(KINDS, [True, False], OF_JOINTS), ids=str)
 def test_one_joint_with_a_spring_and_loads(kind, ground, options):
     """Each kind of joint, beside a spring with a damper and two loads: by the full Newton method."""
@@ -164,6 +165,7 @@ def test_one_joint_with_a_spring_and_loads(kind, ground, options):
     compare(problem, "gc_weak_form", {**SHARP, **options}, steps=10)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("kind", "options"), diagonal(MOVING, [{}, AS_PRINTED]), ids=str)
 def test_one_moving_row_with_timed_loads(kind, options):
     """Drives and rows of velocities, beside a torsional spring and loads that are functions of time."""
@@ -172,6 +174,7 @@ def test_one_moving_row_with_timed_loads(kind, options):
     compare(problem, "gc_weak_form", {**SHARP, **options}, steps=10)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("options", CHOICES, ids=str)
 def test_every_choice_on_an_arbitrary_linkage(options):
     """Three bodies, pins and hinges under gravity."""
@@ -179,6 +182,7 @@ def test_every_choice_on_an_arbitrary_linkage(options):
     compare(problem_of("linkage", system, consistent(system, 2), 10), "gc_weak_form", {**SHARP, **options}, steps=10)
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("options", every(CHOICES, 5), ids=str)
 def test_choices_on_an_arbitrary_linkage_by_code_of_the_mechanism(options):
     """The same, where such code serves, and over more steps."""
@@ -216,6 +220,7 @@ def is_on_the_diagonal(case):
     )
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("kind", "solver", "options"), few(ON_JOINTS, is_on_the_diagonal), ids=str)
 def test_other_methods_on_every_joint(kind, solver, options):
     """Between two bodies and to the ground, beside springs and loads; rows that a method refuses are left out."""
@@ -229,6 +234,7 @@ def test_other_methods_on_every_joint(kind, solver, options):
             compare(problem, solver, options, ("kernel", "mechanism"), steps=10)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("solver", "options"), METHODS, ids=str)
 def test_other_methods_on_redundant_rows(solver, options):
     """Redundant rows share a reaction by any rule: the motion is one."""
@@ -244,6 +250,8 @@ OF_LOOPS = (
     {},
     {"gauge": "zero"},
     {"k_bar": 5.0, "lambda_bar": True},
+    {"k_bar": 2e3, "lambda_bar": True, "penalty": 0.1, "penalty_growth": 100.0},
+    {**GIVEN, "lambda_bar": True, "penalty": 1.0, "penalty_growth": 2.0, "max_augmentations": 3, "accept": 1e9},
     {"penalty_growth": 10.0},
     AS_PRINTED,
     GIVEN,

@@ -16,6 +16,7 @@ from .test_contract import AS_PRINTED, METHODS, NESTED, SHARP, compare, problem_
 OF_FORCES = [("gc_weak_form", SHARP), *METHODS]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("solver", "options"), OF_FORCES[:-1], ids=str)
 def test_forces_of_the_user(solver, options):
     """Between two bodies, and between one and the ground; without symmetry, and functions of time."""
@@ -23,6 +24,7 @@ def test_forces_of_the_user(solver, options):
     compare(problem_of("user forces", system, consistent(system, 3), 20), solver, options)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("solver", "options"), OF_FORCES, ids=str)
 def test_timed_loads(solver, options):
     """On two bodies and a hinge, beside a spring."""
@@ -64,6 +66,7 @@ ON_DRAWN = [("gc_weak_form", {**SHARP, **AS_PRINTED}), ("gc_weak_form", SHARP), 
 ON_DRAWN.append(("gc_augmented_lagrangian", NESTED))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("drawn", "method", "seed"), diagonal(DRAWN, ON_DRAWN, [1, 2, 3]), ids=str)
 def test_random_mechanisms_with_redundant_rows_and_without(drawn, method, seed):
     """Two and three bodies on joints of random kinds, springs and loads; loops that move by their geometry alone."""

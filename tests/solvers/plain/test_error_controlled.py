@@ -126,6 +126,7 @@ def is_on_the_diagonal(case):
     return solver == ("rkmk_dopri5", "rkmk_dop853")[k % 2] or (solver == "radau_ggl" and k % 5 == 2)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("kind", "solver"), few(ON_JOINTS, is_on_the_diagonal))
 def test_every_joint(kind, solver):
     """Between two bodies and to the ground, beside springs and loads; rows that a method refuses are left out."""
@@ -223,6 +224,7 @@ def test_what_is_left_is_the_rest_of_a_geometric_series():
     assert radau_ggl.measure_change(np.array([[0.5, -8.0]]), np.array([[0.0, -3.0]])) == 2.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("solver", "step", "order"), [("rkmk_dopri5", 8e-3, 5.0), ("rkmk_dop853", 3.2e-2, 8.0), ("radau_ggl", 0.02, 5.0)]
 )

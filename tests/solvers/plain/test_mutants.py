@@ -32,6 +32,7 @@ def plant(*words):
     return done.returncode, done.stdout
 
 
+@pytest.mark.sampled(0)
 def test_three_planted_mutants_are_named():
     """By method, mechanism, quantity, body, step, and the numbers of both methods."""
     print_out = plant("--only", "/rattle", "/alpha", "/evaluation", "--having", *PLANTED)[1]
@@ -49,6 +50,7 @@ def test_a_sample_of_all_mutants_is_killed_or_explained():
     assert code == 0, print_out
 
 
+@pytest.mark.sampled(0)
 def test_each_explanation_is_of_a_mutant_that_there_is():
     """A reason whose line has changed is out of date."""
     mutants = {file: list_mutants(SOLVERS / file, file) for file in FILES}
