@@ -61,41 +61,48 @@ SPLIT = {  # entries, and their functions in ``rows.split_mechanism``
 }
 
 
-def refuse_mechanism(system: MultibodySystem, k: Kernel) -> str | None:
-    """Return why no code of the mechanism can be made, as far as that is known without writing it, or None."""
+def find_code_refusal(system: MultibodySystem, k: Kernel) -> str | None:
+    """Return why code cannot be generated for this mechanism, or None if nothing rules it out beforehand.
+
+    Known beforehand are user forces, and a lower bound on the number of operations, which may exceed
+    ``MOST_OPERATIONS``.
+    """
     if len(system.user_i):
         return USER_FORCES
-    least = _least_operations(k)
-    return _refuse_size(least) if least > MOST_OPERATIONS else None
+    least = _estimate_least_operations(k)
+    return _describe_size_refusal(least) if least > MOST_OPERATIONS else None
 
 
 def is_code_kept(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED) -> bool:
-    """Return whether the code of the ``needed`` entries is kept on disk."""
-    step, choices = ("", {}) if FUSED.issuperset(needed) else ("split", {"names": _functions(needed)})
-    return is_kept(_key(system, k, step, choices))
+    """Return whether the code of the ``needed`` entries is kept on disk, by default that of the fused ones."""
+    step, choices = ("", {}) if FUSED.issuperset(needed) else ("split", {"names": _list_functions(needed)})
+    return is_kept(_make_key(system, k, step, choices))
 
 
 def use_code(system: MultibodySystem, k: Kernel, needed: Collection[str] = FUSED) -> CodedKernel:
     """Return the kernel with ``needed`` entries of code for the mechanism, made or read from disk.
 
-    Entries outside ``SPLIT`` are the kernel's loops. Raises ``NoMechanismCode`` where none can be made.
+    If ``FUSED`` has all of them, they are one function each, else they share A and the factor. Entries outside
+    ``SPLIT`` are the kernel's loops. Raises ``NoMechanismCode`` where none can be made.
     """
     if FUSED.issuperset(needed):
         return _use_fused(system, k)
-    entries, operations = _split_entries(system, k, needed, "split", [k.t, k.r, k.R, k.v], [k.phi, k.slip, k.gamma])
+    entries, operations = _make_split_entries(
+        system, k, needed, "split", [k.t, k.r, k.R, k.v], [k.phi, k.slip, k.gamma]
+    )
     rest = finish_kernel(system, k, set(needed) - set(entries))
     return CodedKernel(rest._replace(**entries), operations)
 
 
 def use_mean_code(system: MultibodySystem, k: Kernel, h: np.ndarray, r0: np.ndarray, R0: np.ndarray) -> Kernel:
-    """Return a finished kernel with code for mean rows (``means``): their factor, products with A, and solutions.
+    """Return the kernel ``k``, with code for mean rows (``means``), their factor, products with A, and solutions.
 
-    ``h`` [s], ``r0`` and ``R0`` are the arrays of the step's length and start poses. ``accelerate`` stays that of the
-    kernel ``k``, with rows and a factor of its own.
+    ``h`` [s], ``r0`` and ``R0`` are the arrays of the step's length and start poses. ``accelerate`` stays that of
+    ``k``, with rows and a factor of its own.
     """
     needed = "rows", "factorise", "solve", "push", "slips"
     own = k._replace(state=k.state.copy())  # the choice of rows starts from pivots of this code, not of ``accelerate``
-    return k._replace(**_split_entries(system, own, needed, "mean", [h, r0, R0, k.r, k.R, k.v], [k.phi])[0])
+    return k._replace(**_make_split_entries(system, own, needed, "mean", [h, r0, R0, k.r, k.R, k.v], [k.phi])[0])
 
 
 def _use_fused(system: MultibodySystem, k: Kernel) -> CodedKernel:
@@ -113,9 +120,9 @@ def _use_fused(system: MultibodySystem, k: Kernel) -> CodedKernel:
 
 
 def list_choice_arrays(k: Kernel) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Return the last inputs and the last results of code that factorises, for the choice among redundant rows.
+    """Return the arrays that code which factorises reads and writes last, for the choice among redundant rows.
 
-    They are [pivots' bounds] and [inverse shares], both empty where rows are never chosen.
+    They are [``k.pivot_bound``] and [``k.inverse_share``], both empty where rows are never chosen.
     """
     return ([k.pivot_bound], [k.inverse_share]) if len(k.dense) else ([], [])
 
@@ -123,9 +130,10 @@ def list_choice_arrays(k: Kernel) -> tuple[list[np.ndarray], list[np.ndarray]]:
 def make_choosing_program(
     k: Kernel, code: Code, name: str, arrays: list[np.ndarray], rows: list[np.ndarray]
 ) -> Program:
-    """Return the program of a function ``name`` that factorises and, where rows are redundant, of their choice.
+    """Return a program that runs the function ``name`` of ``code``, which factorises S, and then the choice of rows.
 
-    ``arrays`` are its arguments; ``rows`` are the inputs of ``couple``, which computes S of the rows in use.
+    Without a choice, where ``k.dense`` is empty, it runs the function alone. ``arrays`` are its arguments; ``rows`` are
+    the inputs of ``couple``, which sets ``k.dense`` to S.
     """
     made = Program([(code.address(name), arrays)], (code, k, arrays))
     if not len(k.dense):
@@ -135,7 +143,7 @@ def make_choosing_program(
     return Program([*made.steps, *choose.steps], keeps=(made, couple, choose))
 
 
-def _split_entries(
+def _make_split_entries(
     system: MultibodySystem,
     k: Kernel,
     needed: Collection[str],
@@ -143,12 +151,12 @@ def _split_entries(
     given_rows: list[np.ndarray],
     results: list[np.ndarray],
 ) -> tuple[dict[str, Any], int]:
-    """Return programs for the ``needed`` entries in ``SPLIT``, by code, and the operations of an evaluation.
+    """Return programs of code for the ``needed`` entries that are in ``SPLIT``, and the operations of an evaluation.
 
-    ``step`` is "split" or "mean"; its function ``rows`` computes ``results`` from ``given_rows``.
+    ``step`` is "split" or "mean"; the function ``rows`` computes A and ``results`` from ``given_rows``.
     """
     own = [name for name in SPLIT if name in needed]
-    code, operations, (count, size) = make_mechanism_code(system, k, step, names=_functions(needed))
+    code, operations, (count, size) = make_mechanism_code(system, k, step, names=_list_functions(needed))
     A, A_kept, factor, poses = np.zeros(count), np.zeros(count), np.zeros(size), [k.t, k.r, k.R, k.v]
     x, w, r, R = (np.zeros_like(a) for a in (k.x, k.w, k.r, k.R))  # buffers for results before they are read
     shift, (bounds, shares) = np.ndarray(1, buffer=k.state), list_choice_arrays(k)
@@ -187,7 +195,7 @@ def _split_entries(
     return entries, operations
 
 
-def _functions(needed: Collection[str]) -> tuple[str, ...]:
+def _list_functions(needed: Collection[str]) -> tuple[str, ...]:
     """Return the names of functions of ``rows.split_mechanism`` that an evaluation and the ``needed`` entries call."""
     return tuple(sorted(set(SPLIT_EVALUATION).union(*(SPLIT[name] for name in needed if name in SPLIT))))
 
@@ -198,32 +206,33 @@ def make_mechanism_code(
 ) -> tuple[Code, int, list[int]]:
     """Return code of a mechanism, made or read from disk, the operations of an evaluation, and the sizes of its arrays.
 
-    ``step``: "" for accelerations, "iterate" (``rows.wrenches``), "split" or "mean"; ``choices`` are its
-    settings. Raises ``NoMechanismCode`` where none can be made.
+    ``step`` is "" for accelerations, "iterate" (``rows.wrenches``), "split" or "mean"; ``choices`` are the further
+    arguments of its ``make_functions``. Sizes: that of the factor; but for "", first the number of entries of A (or of
+    the step's start) that are kept. Raises ``NoMechanismCode`` where none can be made.
     """
-    reason = refuse_mechanism(system, k)
+    reason = find_code_refusal(system, k)
     if reason:
         raise NoMechanismCode(reason)
-    code, about = Code(lambda: _print(system, k, step, choices), _key(system, k, step, choices)), np.zeros(4)
+    code, about = Code(lambda: _print_code(system, k, step, choices), _make_key(system, k, step, choices)), np.zeros(4)
     code.function("about", 1)(about.ctypes.data)
     operations, *sizes = (int(x) for x in about)
     if operations > MOST_OPERATIONS:
-        raise NoMechanismCode(_refuse_size(operations))
+        raise NoMechanismCode(_describe_size_refusal(operations))
     return code, operations, sizes[: 2 if step else 1]
 
 
-def _refuse_size(operations: int) -> str:
-    """Return the refusal of code that needs at least so many ``operations``."""
+def _describe_size_refusal(operations: int) -> str:
+    """Return the message for a mechanism whose code needs ``operations`` or more per evaluation, too many."""
     return (
         f"code for the mechanism takes up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or more): "
         "use code = kernel"
     )
 
 
-def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
-    """Return the IR of the functions of a mechanism, and of ``about``, which gives operations and array sizes.
+def _print_code(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
+    """Return the LLVM IR of the functions of a mechanism, and of ``about``, which returns operations and array sizes.
 
-    If the code is too large, it contains ``about`` alone.
+    If the code needs more than ``MOST_OPERATIONS``, it contains ``about`` alone.
     """
     import casadi as ca
 
@@ -239,7 +248,7 @@ def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any
         for part, (i, j), first in zip(list_parts(system)[1], k.body, k.row, strict=False)
     ]
     kinds = {"": SymbolicMechanism, "iterate": SimplifiedStep, "split": SplitMechanism, "mean": MeanMechanism}
-    functions, sizes = kinds[step](system, parts, _order(k), len(k.dense) > 0).make_functions(**choices)
+    functions, sizes = kinds[step](system, parts, _list_rows_in_order(k), len(k.dense) > 0).make_functions(**choices)
     operations = sum(len(record_function(functions[name]).tape.operations) for name in EVALUATION[step])
     if operations > MOST_OPERATIONS:
         functions = {}
@@ -247,23 +256,32 @@ def _print(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any
     return print_functions({**functions, "about": GeneratedFunction([], [about])})
 
 
-def _order(k: Kernel) -> list[int]:
+def _list_rows_in_order(k: Kernel) -> list[int]:
     """Return the kernel's constraint rows in the order in which they are eliminated."""
     return [int(first) + a for first, size in zip(k.blocks.row, k.blocks.size, strict=True) for a in range(size)]
 
 
-def _least_operations(k: Kernel) -> int:
-    """Return a lower bound on the operations of the code, without writing it, which would take seconds."""
+def _estimate_least_operations(k: Kernel) -> int:
+    """Return a lower bound on the operations of the code: those of the factor's block products, and some a row.
+
+    It is found without writing the code, which would take seconds.
+    """
     columns, products = np.repeat(k.blocks.size, np.diff(k.blocks.update_start)), k.blocks.update
     height = k.blocks.size[k.blocks.other]
     factor = np.sum(columns * height[products[:, 1]] * height[products[:, 2]])
     return int(factor + LEAST_OF_A_ROW * len(k.lam))
 
 
-def _key(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
-    """Return the key of the code on disk: a digest of the system's numbers, the kernel's order and the generator."""
-    makers = digest_makers(), digest_files((__file__, str(FACTOR)))
-    digest = hashlib.sha256(f"{makers} {_order(k)} {k.row.tolist()} {k.body.tolist()} {len(k.dense)}".encode())
+def _make_key(system: MultibodySystem, k: Kernel, step: str, choices: dict[str, Any]) -> str:
+    """Return the key of the code on disk: a digest of the system's numbers, the kernel's order and the generator.
+
+    ``step`` and ``choices`` are in it as they are.
+    """
+    # with the bound, above which the code has no functions
+    makers = digest_makers(), digest_files((__file__, str(FACTOR))), MOST_OPERATIONS
+    digest = hashlib.sha256(
+        f"{makers} {_list_rows_in_order(k)} {k.row.tolist()} {k.body.tolist()} {len(k.dense)}".encode()
+    )
     digest.update(system.regular_inertia.tobytes())
     for field in fields(system):
         value = getattr(system, field.name)
