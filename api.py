@@ -107,9 +107,10 @@ class Run:
         return _draw_figure(drawn)
 
     def __repr__(self) -> str:
+        """Return case and status in one line, with steps, drift and error, or for a run without steps its message."""
         r = self.record
         drift = "" if math.isnan(r.energy_drift_max_J) else f"energy drift {r.energy_drift_max_J:.2e} J"
-        error = f"error {said}" if (said := describe_errors(r)) else ""
+        error = f"error {text}" if (text := describe_errors(r)) else ""
         words = [f"{r.steps} steps to {r.t_reached_s:g} s", *(n for n in (drift, error) if n)]
         return f"<Run {r.case}: {', '.join([describe_status(r), *(words if r.steps else [r.message])])}>"
 
@@ -134,6 +135,7 @@ class Results:
         return make_frame(run.record for run in self.runs)
 
     def __repr__(self) -> str:
+        """Return the folder with its number of runs, in all and by status."""
         count = {str(s): sum(run.status is s for run in self.runs) for s in Status}
         words = ", ".join(f"{n} {status}" for status, n in count.items() if n)
         return f"<Results {self.folder}: {len(self.runs)} runs{f' ({words})' if words else ''}>"
@@ -157,29 +159,29 @@ def solve(
 ) -> Run:
     """Run ``solver`` on ``problem`` in this process, and measure and judge its motion.
 
-    ``solver`` is a name, a class marked ``@solver``, or an instance of one; ``options`` are the solver's own. Without
-    ``dt`` [s] or ``rtol`` the problem's step or 1e-8 is used; ``max_step`` [s] bounds the steps under error control,
-    ``t_end`` [s] replaces the problem's end time. The solver stops itself after ``max_steps``, and at ``cpu_limit``
-    [s].
+    ``problem`` is a name or a Problem; ``solver`` a name, a class marked ``@solver``, or an instance of one, and
+    ``options`` are its own. Without ``dt`` [s] or ``rtol`` the problem's step or 1e-8 is used; ``max_step`` [s] bounds
+    the steps under error control, ``t_end`` [s] replaces the problem's end time. The solver stops itself after
+    ``max_steps`` steps, or after ``cpu_limit`` [s] of CPU time.
 
     A run that fails is returned with its status and its steps; a wrong call raises ValueError, and an exception of the
     solver is passed on.
     """
-    _warn_of_own_bits()
+    _warn_of_deviating_bits()
     variant = _resolve_problem(problem, t_end)
-    given = {"dt": dt, "rtol": rtol, "max_step": max_step, "max_steps": max_steps}
-    entry, made = _resolve_solver(solver, options, variant, list(given))
-    steps = make_step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
+    controls = {"dt": dt, "rtol": rtol, "max_step": max_step, "max_steps": max_steps}
+    entry, instance = _resolve_solver(solver, options, variant, list(controls))
+    steps = make_step_control(entry.name, entry.control, variant, {k: v for k, v in controls.items() if v is not None})
     check_step(steps.dt if dt is not None else None, variant.t_end)
     limits: dict[str, Any] = {"cpu_limit": cpu_limit or math.inf, "memory": math.inf}
-    spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed_options(made), **limits)
+    spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed_options(instance), **limits)
     if cpu_limit is not None:  # compile before its clock starts
         warm_up(list_runs_to_warm([spec]))
     code, measured_by = digest_run_code(variant.name, entry.name), read_column_digests().digest
     job = Job(spec, Path(), "", code, environment.read_commit(), measured_by=measured_by)
     with threadpool_limits(1), ProgressLine() as line:
         control = dataclasses.replace(steps, cpu_limit=cpu_limit, spool=line.make_spool(variant))
-        handover = solve_here(variant, made, control)
+        handover = solve_here(variant, instance, control)
     outcome = judge_handover(job, variant, handover)
     record, trajectory, m = dataclasses.replace(outcome.record, stderr=""), outcome.trajectory, outcome.measured
     series = None if trajectory is None or m is None else build_series(variant, trajectory, m)
@@ -208,15 +210,15 @@ def scipy(method: str, **options: Any) -> Solver:
 
 
 @cache
-def _warn_of_own_bits() -> None:
-    """Warn once if numbers depend on this processor, e.g. because NumPy was loaded before it could be pinned."""
+def _warn_of_deviating_bits() -> None:
+    """Warn, in the first call only, if results depend on this processor, e.g. since NumPy was loaded too early."""
     if words := machine.explain_deviations():
         remedy = ": import mbsbench before numpy and numba" if machine.list_variables() else ""
         warnings.warn(words + remedy, stacklevel=3)
 
 
 def _resolve_problem(given: str | Problem, t_end: float | None) -> Problem:
-    """Return the problem of that name, or the given one with its start checked; ``t_end`` [s] replaces its end time."""
+    """Return the problem named ``given``, or ``given`` itself once its start is checked, ending at ``t_end`` [s]."""
     if t_end is not None and not 0.0 < t_end < math.inf:
         raise ValueError(f"t_end must be a finite number > 0 [s] (got {t_end!r})")
     changes: dict[str, Any] = {} if t_end is None else {"t_end": float(t_end)}
@@ -233,9 +235,10 @@ def _resolve_problem(given: str | Problem, t_end: float | None) -> Problem:
 def _resolve_solver(
     given: "str | Solver | type[Solver]", options: Mapping[str, Any], variant: Problem, controls: list[str]
 ) -> tuple[registry.SolverEntry, Solver]:
-    """Return the solver with its catalogue entry; a class or an instance need not be in the catalogue.
+    """Return the catalogue entry and an instance of a solver; ``given`` is its name, its class or an instance.
 
-    Raise ValueError for an unknown option; ``controls`` are the arguments of ``solve``, to be suggested in its place.
+    A class or an instance need not be in the catalogue, and an instance takes no ``options``. Raise ValueError for an
+    unknown option; ``controls`` are the arguments of ``solve``, to be suggested in its place.
     """
     if not isinstance(given, str | type):
         if options:
@@ -256,8 +259,8 @@ def _resolve_solver(
     return entry, entry.make_solver(options)
 
 
-def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
-    """Draw runs as the reports do, from a temporary results folder to which they are written."""
+def _draw_figure(drawn: list[tuple[RunRecord, Series]]) -> "Figure":
+    """Draw ``PLOTTED`` as the reports do: the runs are written to a temporary results folder and read from there."""
     from .reports.model.results import read_results
     from .reports.plots.laws import draw_runs, plot_errors, plot_laws
     from .reports.plots.paper import apply_style, draw_plots
@@ -265,12 +268,12 @@ def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
 
     with tempfile.TemporaryDirectory() as place:
         folder = store.create_folder(Path(place))
-        for k, (record, series) in enumerate(given):
+        for k, (record, series) in enumerate(drawn):
             name = f"{k}"  # one run may be given twice, e.g. before and after its solver was changed
-            place = f"series/{name}.npz"
-            digest = write_series(ConfinedPath(folder) / place, series)
+            file = f"series/{name}.npz"
+            digest = write_series(ConfinedPath(folder) / file, series)
             kept = dataclasses.replace(
-                record, run_id=name, settings_id=name, series=place, series_sha256=digest, stderr=""
+                record, run_id=name, settings_id=name, series=file, series_sha256=digest, stderr=""
             )
             store.write_record(folder, kept)
         results = read_results(folder)
@@ -279,7 +282,7 @@ def _draw_figure(given: list[tuple[RunRecord, Series]]) -> "Figure":
     chapters = [c for c in (plot_laws(drawing), plot_errors(drawing)) if c]
     with apply_style():
         return draw_plots(
-            [p for c in chapters for p in c.plots if p.name in PLOTTED], choose_styles({r.solver for r, _ in given})
+            [p for c in chapters for p in c.plots if p.name in PLOTTED], choose_styles({r.solver for r, _ in drawn})
         )
 
 

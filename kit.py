@@ -18,7 +18,10 @@ __all__ = ["CASES", "EngineFailure", "Model", "check"]
 
 
 def main() -> int:
-    """Check an engine from a terminal; return 0 if all cases pass, 1 if one fails, 2 for a wrong call."""
+    """Check an engine from a terminal, on the named cases or on all, and print a line per case.
+
+    Return 0 if all pass, else 1; a wrong call, such as a file without that function, ends with exit code 2.
+    """
     parser = argparse.ArgumentParser("python -m mbsbench.kit", description="Check an engine's motion on our cases.")
     parser.add_argument("motion", metavar="FILE.py:FUNCTION", help="yields r, q, v, omega of all bodies, step by step")
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)} (default: all)")

@@ -55,9 +55,9 @@ def show_record(record: RunRecord) -> str:
 
 
 def show_results(folder: str, records: Sequence[RunRecord], unreadable: Mapping[str, str]) -> str:
-    """Return a results folder as HTML: the runs by status, a row for each of the first runs, and the unreadable files.
+    """Return a results folder as HTML: runs by status, a row for each of the first ``FEW``, and unreadable files.
 
-    ``unreadable`` gives the reason by the name of each file that could not be read.
+    ``unreadable`` maps the name of each file that could not be read to the reason.
     """
     counted = Counter(r.status for r in records)
     words = ", ".join(f"{n} {status}" for status, n in counted.most_common())

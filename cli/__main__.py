@@ -23,16 +23,17 @@ INTERRUPTED = {
     "run": "interrupted; finished runs are kept (--resume continues)",
     "gate": "interrupted; nothing was judged",
 }
-OWN_MESSAGE = ("solve",)
+OWN_MESSAGE = ("solve",)  # commands that print their own message when they are interrupted
 JUDGING = ("gate",)  # commands whose exit code 0 is a verdict
 
 os.environ.update(machine.THREADS)  # before NumPy is loaded, which reads them once
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Parse and run a subcommand; return the exit code.
+    """Parse and run a subcommand; return its exit code, 130 if interrupted, 141 if the output pipe was closed.
 
-    Without a subcommand, or with --help, the list of commands is printed and 0 returned.
+    Errors of the user or the machine are printed in one line; others are raised. Without a subcommand, or with --help,
+    the list of commands is printed and 0 returned.
     """
     words = sys.argv[1:] if arguments is None else arguments
     command = ""
@@ -63,21 +64,21 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # the output pipe is closed (head, less): part of the output is lost, so no success
         return _leave_pipe()
     except (ValueError, OSError, RuntimeError) as error:
-        code, explanation = _explain(error)
+        code, explanation = _explain_error(error)
         sys.stderr.write(f"error: {' '.join(explanation.split())}\n")
         return code
 
 
 @cache
 def _make_commands() -> tuple[argparse.ArgumentParser, Any]:
-    """Return the parser and its commands, made once a process."""
+    """Return the parser and its commands, which are made in the first call only."""
     parser, commands = make_parser()
     add_commands(commands)
     return parser, commands
 
 
-def _explain(error: Exception) -> tuple[int, str]:
-    """Return exit code and message of an error caused by the user or the machine; raise any other."""
+def _explain_error(error: Exception) -> tuple[int, str]:
+    """Return the exit code and the message of an error caused by the user or the machine; raise any other error."""
     if isinstance(error, ValueError):  # UsageError, FileError, and errors of the registry
         return 2, str(error)
     if isinstance(error, OSError):  # a full disk, a read-only folder, a name too long, a link in results
@@ -99,7 +100,10 @@ def _exit_on_signal(number: int, frame: object) -> NoReturn:
 
 
 def command_line() -> NoReturn:
-    """Run the command ``mbsbench`` and exit."""
+    """Run the command ``mbsbench`` and exit with its code; a command of ``JUDGING`` runs in a child process.
+
+    SIGTERM ends the command in order, and output is UTF-8 whatever the locale.
+    """
     signal.signal(signal.SIGTERM, _exit_on_signal)
     _open_streams()
     for stream in (sys.stdout, sys.stderr):
@@ -120,9 +124,10 @@ def _run_main() -> int:
 
 
 def _run_in_child() -> int:
-    """Run the command in a child process and return its exit code, or 1 if the child ended without reporting one.
+    """Run the command in a child process and return the exit code that the child reports through a pipe.
 
-    Plugin code that the command loads may call ``os._exit(0)``, which would otherwise pass for a verdict.
+    Plugin code that the command loads may call ``os._exit(0)``, which would otherwise pass for a verdict: a child that
+    ends with 0 and no report gives 1. Any other child without a report gives its own code, or 128 plus its signal.
     """
     sys.stdout.flush()
     read, write = os.pipe()
@@ -136,18 +141,19 @@ def _run_in_child() -> int:
     os.close(write)
     os.set_blocking(read, False)  # a process left behind may hold the other end
     for name in (signal.SIGINT, signal.SIGTERM):  # a terminal sends SIGINT to the child, too, which ends in order
-        signal.signal(name, lambda number, frame: _pass_on(child, number))
+        signal.signal(name, lambda number, frame: _forward_signal(child, number))
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     with contextlib.suppress(BlockingIOError):
         if verdict := os.read(read, 1):
             return verdict[0]
     if status == 0:
         sys.stderr.write("error: the command ended before its verdict: a file that it loaded ended its process\n")
-    return 1 if status == 0 else status if status > 0 else 128 - status
+        return 1
+    return status if status > 0 else 128 - status  # a negative status is that of a signal
 
 
-def _pass_on(child: int, number: int) -> None:
-    """Pass a SIGTERM on to the child; a SIGINT of the terminal reaches it without help."""
+def _forward_signal(child: int, number: int) -> None:
+    """Send a SIGTERM on to the process with id ``child``; a SIGINT of the terminal reaches it without help."""
     if number == signal.SIGTERM:
         with contextlib.suppress(ProcessLookupError):
             os.kill(child, number)

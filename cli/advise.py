@@ -23,7 +23,7 @@ from ..harness.reference.computation import is_computable
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.results.words import qualify_status
-from ..harness.run.costs import predict_times, select_quick
+from ..harness.run.costs import predict_times, select_quick_solvers
 from ..harness.run.runner import Request
 from .arguments import UsageError, count_jobs, load_problem, parse_assignments
 from .commands import CONTROL
@@ -57,7 +57,10 @@ COLUMNS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the solvers of a search or of earlier runs, the cheapest first; return 0 if one meets the error, else 1."""
+    """Find settings that meet the error by new runs, or with --from in earlier ones; print solvers, the cheapest first.
+
+    Return 0 if a solver meets the error, else 1.
+    """
     name, parameters, plugins = load_problem(arguments)
     error, budget = arguments.error, arguments.budget
     problem = make_problem(name, parameters)
@@ -68,14 +71,14 @@ def run(arguments: argparse.Namespace) -> int:
         candidates = _read_candidates(arguments.results, problem, error, arguments.solver)
     else:
         names = arguments.solver or list(registry.solvers())
-        limit = min(max(budget / 6.0, 1.0), 60.0)
+        limit = min(max(budget / 6.0, 1.0), 60.0)  # [s] of CPU time a run, so that one solver does not take all
         candidates = [Candidate(n, problem, error, limit, options=options) for n in names]
-        _search(candidates, plugins, budget, count_jobs(arguments.jobs), quiet=arguments.json)
+        _search_settings(candidates, plugins, budget, count_jobs(arguments.jobs), quiet=arguments.json)
     return _print_report(rank_candidates(candidates), error, as_json=arguments.json)
 
 
 def _read_options(arguments: argparse.Namespace) -> dict[str, str]:
-    """Return the solver options given by --set, after checking that the one solver takes them."""
+    """Return the solver options given by --set; raise UsageError unless the only --solver takes them."""
     options = parse_assignments(arguments.set, "--set")
     if options and (len(arguments.solver) != 1 or arguments.results):
         raise UsageError("--set is for the runs of one --solver: name it, and leave --from out")
@@ -87,19 +90,21 @@ def _read_options(arguments: argparse.Namespace) -> dict[str, str]:
     return options
 
 
-def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float, size: int, *, quiet: bool) -> None:
-    """Run settings of the candidates in rounds, each choosing its next one; the runs are added to the candidates.
+def _search_settings(
+    candidates: list[Candidate], plugins: tuple[str, ...], budget: float, size: int, *, quiet: bool
+) -> None:
+    """Run one setting of every candidate per round, each choosing its next one, and add the runs to the candidates.
 
-    The first round is of the solvers that need no compilation, if some do. The search ends when no candidate has a next
-    setting, after ``ROUNDS``, or when the CPU time of all runs, divided by the number ``size`` of runs in parallel,
-    exceeds ``budget`` [s]. Raise UsageError without a reference.
+    If only some solvers need compilation, a round of the others goes first. The search ends when no candidate has a
+    next setting, after ``ROUNDS`` rounds, or when the CPU time of all runs, divided by the number ``size`` of runs in
+    parallel, exceeds ``budget`` [s]. Raise UsageError if the problem has no reference.
     """
     problem = candidates[0].problem
     is_known = not problem.literal_start and is_computable(problem.system)
     if not is_known and problem.reference() is None:  # evaluated last: a reference may take seconds to compute
         raise UsageError(f"{problem.name} has no reference: no error is known; compare solvers with mbsbench run")
     first = [s for c in candidates if (s := c.choose_next_spec()) is not None]
-    quick = select_quick(first)
+    quick = select_quick_solvers(first)
     early = [c for c in candidates if c.solver in quick]
     rounds = [*([early] if 0 < len(early) < len(candidates) else []), *[candidates] * ROUNDS]
     if not quiet:
@@ -121,14 +126,20 @@ def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float
 
 
 def describe_plan(first: Sequence[RunSpec], size: int) -> str:
-    """Describe how many settings will be run, and their time on this machine; ``first`` are the runs of one round."""
+    """Describe how many settings will be run, and about how long they take on this machine.
+
+    ``first`` are the runs of the first round, of which ``size`` run at a time.
+    """
     one = predict_times(first, size)
     whole = replace(one, loading=ROUNDS * one.loading, runs={k: TYPICAL * x for k, x in one.runs.items()})
     return f"{plural(len(first), 'solver')}, up to {ROUNDS} settings of each, {size} at a time: {whole.words}"
 
 
 def _print_progress(ranked: list[Candidate], total: int, *, first: bool) -> None:
-    """Print on standard error how many of ``total`` solvers meet the error: a table ``first``, then the cheapest."""
+    """Print on standard error how many of ``total`` solvers meet the error, with a table of them or the cheapest.
+
+    The table is printed the ``first`` time, if a solver meets the error; later the cheapest alone is named.
+    """
     meeting = [c for c in ranked if c.best]
     words = f"so far {len(meeting)} of {plural(total, 'solver')} meet it"
     if first and meeting:
@@ -144,9 +155,10 @@ def _compute_cpu_without_code(r: RunRecord) -> float:
 
 
 def _read_candidates(folder: Path, problem: Problem, error: float, solvers: list[str]) -> list[Candidate]:
-    """Return a candidate for each solver and its options that ran this problem in the results ``folder``.
+    """Return a candidate, with its runs, for each solver with given options in the results ``folder``.
 
-    Only ``solvers`` are considered, or all if there are none; raise UsageError if no run is found.
+    Only runs of this problem with the same parameters count; ``solvers`` are the names considered, or all if the list
+    is empty. ``error`` [m] is the required one. Raise UsageError if no run is found.
     """
     parameters = json.loads(json.dumps(dict(problem.parameters), default=list))
     found: dict[tuple[str, str], list[RunRecord]] = {}
@@ -197,7 +209,10 @@ def _print_report(candidates: list[Candidate], error: float, *, as_json: bool) -
 
 
 def _describe_reach(candidates: list[Candidate], error: float) -> list[str]:
-    """Return a line with the error [m] as a percentage of the farthest motion of a body; it warns if that is much."""
+    """Return a line with the error [m] as a percentage of the farthest motion of a body; empty if that is unknown.
+
+    An error above ``LARGE`` times that motion gets a warning.
+    """
     reach = max((r.length_scale_m for c in candidates for r in c.runs if r.length_scale_m > 0.0), default=0.0)
     if not reach:
         return []
@@ -209,8 +224,8 @@ def _describe_reach(candidates: list[Candidate], error: float) -> list[str]:
 def _describe_settings(candidates: list[Candidate]) -> list[str]:
     """Return a line on where an engine's settings come from, if the problem is the user's mechanism file; else none."""
     names = [c.solver for c in candidates if "settings" in registry.solvers()[c.solver].parameters]
-    made = getattr(registry.problems().get(candidates[0].problem.name), "make", None) if candidates else None
-    if not (names and isinstance(getattr(made, "__self__", None), MechanismFile)):
+    make = getattr(registry.problems().get(candidates[0].problem.name), "make", None) if candidates else None
+    if not (names and isinstance(getattr(make, "__self__", None), MechanismFile)):  # a method of the loaded file
         return []
     asked = candidates[0].options.get("settings")
     if asked is not None:
@@ -223,9 +238,9 @@ def _describe_settings(candidates: list[Candidate]) -> list[str]:
 
 
 def _list_missing(candidates: list[Candidate]) -> list[str]:
-    """Return a line for all engines that are not installed, and one per package that other solvers lack.
+    """Return one line for all engines that are not installed, and one for each package that other solvers lack.
 
-    ``candidates`` are those whose every run reported a missing package.
+    ``candidates`` are those whose runs all reported a missing package.
     """
     names = {c.solver: registry.solvers()[c.solver].make.__module__.split(".") for c in candidates}
     engines = [name for name, module in names.items() if "engines" in module]
@@ -238,7 +253,10 @@ def _list_missing(candidates: list[Candidate]) -> list[str]:
 
 
 def _list_rows(candidates: list[Candidate]) -> list[tuple[Text | str, ...]]:
-    """Return a row of ``COLUMNS`` for each candidate, with CPU time relative to the first."""
+    """Return a row of ``COLUMNS`` for each candidate: its cheapest run that meets the error, else the closest to it.
+
+    The factor is that of the CPU time to the first candidate's.
+    """
     best = candidates[0].best if candidates else None
     rows: list[tuple[Text | str, ...]] = []
     for c in candidates:

@@ -49,7 +49,10 @@ def add_set(p: argparse.ArgumentParser, option: str, words: str) -> None:
 
 
 def parse_assignments(given: Sequence[str], what: str) -> dict[str, str]:
-    """Parse ``["k=v", ...]`` into a dict; raise UsageError for a repeated key."""
+    """Parse ``["k=v", ...]`` into a dict; raise UsageError for any other text and for a repeated key.
+
+    ``what`` names the option in the message.
+    """
     out: dict[str, str] = {}
     for text in given:
         key, equals, value = text.partition("=")
@@ -63,7 +66,10 @@ def parse_assignments(given: Sequence[str], what: str) -> dict[str, str]:
 
 
 def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
-    """Load the named plugins, each first in a process of its own that may crash; return their full names."""
+    """Load the named plugins, each first in a process of its own that may crash; return their full names.
+
+    For the file of a mechanism, what was read from it is printed on standard error.
+    """
     if not paths:
         return ()
     from ..harness.catalogue import mechanism, plugins, registry  # here, as below: --help needs none of them
@@ -140,7 +146,7 @@ def parse_positive_float(text: str, name: str = "") -> float:
 
 
 def parse_duration(text: str) -> float:
-    """Parse hours, days or weeks from the command line [s]."""
+    """Return a duration such as ``12h``, ``7d`` or ``2w`` from the command line in seconds."""
     hours = {"h": 1.0, "d": 24.0, "w": 168.0}.get(text[-1:], 0.0)
     number = text[:-1]
     if not hours or not number.isdecimal() or len(number) > 6:
@@ -155,7 +161,10 @@ def count_jobs(given: int | None) -> int:
 
 
 def check_writable(given: str) -> Path:
-    """Return the path of a file that can be written; raise UsageError before anything runs if it cannot."""
+    """Return the path ``given`` if a file can be written there, else raise UsageError before anything runs.
+
+    A temporary file beside it is created and removed to find out; a file that exists is not touched.
+    """
     out = Path(given)
     probe = out.parent / f".{out.name}.{os.getpid()}.probe"
     try:

@@ -19,13 +19,16 @@ from .terminal import make_console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check each entry and print the findings; return 0 if every requirement is met, else 1."""
+    """Check each solver or problem that is named or that a plugin adds, and print the findings.
+
+    Return 0 if every requirement is met, else 1.
+    """
     size = count_jobs(arguments.jobs)
     loaded, names = resolve_entries(arguments.plugin)
     findings: list[Finding] = []
     for name in names:
-        of_problem = name in registry.problems()
-        own = check_problem(name, loaded) if of_problem else _check_solver(name, loaded, size, quiet=arguments.json)
+        is_problem = name in registry.problems()
+        own = check_problem(name, loaded) if is_problem else _check_solver(name, loaded, size, quiet=arguments.json)
         findings += own
         if arguments.json:
             print_findings(own, json=True)
@@ -57,7 +60,7 @@ def resolve_entries(given: str) -> tuple[tuple[str, ...], list[str]]:
     before = {*registry.problems(), *registry.solvers()}
     if given in before:
         return (), [given]
-    if not plugins.is_file(given) and given not in (points := plugins.entry_points()):
+    if not plugins.is_path(given) and given not in (points := plugins.entry_points()):
         known = [*sorted(before), *points, *(p.name for p in Path().glob("*.py"))]
         raise UsageError(f"unknown solver, problem or plugin {given!r}{suggest_name(given, known)}")
     loaded = load_plugins([given])

@@ -22,9 +22,9 @@ from .terminal import make_console, make_error_console, plural, print_json
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the claim, with --run after its runs; return 1 if their verdicts differ from the published ones, else 0.
+    """Print one claim as published, as judged in RESULTS, or with --run after making and judging its runs.
 
-    Without an id, list the claims.
+    Without an ID, list the claims. Return 1 if verdicts on runs made now differ from the published ones, else 0.
     """
     if arguments.claim is None:
         return _list_claims(arguments)
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         make_console().print(format_judgement(found), end="")
         return int(changed)
-    for line in _describe_claim(found, len(judging.select_needed(alone))):
+    for line in _describe_claim(found, len(judging.select_needed_runs(alone))):
         make_console().print(line, markup=False, highlight=False)
     for line in claim_words.list_rows(found) if arguments.rows else ():
         make_console().print(line, markup=False, highlight=False, soft_wrap=True)
@@ -62,9 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _list_claims(arguments: argparse.Namespace) -> int:
-    """Print the published claims by group, those that carry the paper and the field's or all, with verdicts; return 0.
+    """Print the published claims by group, with verdicts, in the order of the page of claims; return 0.
 
-    The groups are in the order of the page.
+    Without --all only the groups of ``claim_groups.FIRST`` are printed, and the others counted; --json has all.
     """
     for name in ("make", "rows", "out", "jobs"):
         if getattr(arguments, name):
@@ -73,7 +73,7 @@ def _list_claims(arguments: argparse.Namespace) -> int:
     if not published:
         raise UsageError("no verdicts are published; mbsbench judge RESULTS --publish does so")
     if arguments.json:
-        print_json({"claims": [_summarise(c) for c in claim_groups.order_claims(published)]})
+        print_json({"claims": [_summarise_claim(c) for c in claim_groups.order_claims(published)]})
         return 0
     out, groups = make_console(), claim_groups.group_claims(published)
     shown = groups if arguments.all else {k: v for k, v in groups.items() if k in claim_groups.FIRST}
@@ -100,8 +100,8 @@ def _warn_if_outdated(places: Sequence[RegisterPlace]) -> None:
             make_error_console().print(words, highlight=False)
 
 
-def _summarise(c: JudgedClaim) -> dict[str, object]:
-    """Return a claim of the list as plain data; ``summary`` is true for one of the abstract or the conclusions."""
+def _summarise_claim(c: JudgedClaim) -> dict[str, object]:
+    """Return a claim as plain data for --json; ``summary`` is true for one of the abstract or the conclusions."""
     sides = {"paper": c.paper, "beyond": c.beyond}
     return {
         "id": c.id,
@@ -133,8 +133,11 @@ def _read_claim(arguments: argparse.Namespace, published: JudgedClaim | None, pl
 
 
 def _run_claim(arguments: argparse.Namespace, alone: RegisterPlace) -> JudgedClaim:
-    """Run those runs of the claim's map that the results folder lacks, and return the verdict on the whole map."""
-    specs, name = judging.select_needed(alone), f"claim-{arguments.claim}"
+    """Run those runs of the claim's map that the results folder lacks, and return the verdict on the whole map.
+
+    The folder is that of --out, else the newest of this claim, else a new one.
+    """
+    specs, name = judging.select_needed_runs(alone), f"claim-{arguments.claim}"
     folder = Path(arguments.out) if arguments.out else find_last_folder(name) or name_new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
     if specs:
@@ -157,7 +160,7 @@ def _describe_claim(c: JudgedClaim, runs: int) -> Iterator[str]:
     for k, t in enumerate(c.tests):
         number = f"{claim_words.format_measured(t)}; band: {claim_words.format_band(t)} ({claim_words.name_metric(t)})"
         yield f"{'and' if k else 'measured'}: {number}"
-    if setting := claim_groups.name_shown(c):
+    if setting := claim_groups.name_shown_setting(c):
         yield f"{'these are' if len(c.tests) > 1 else 'this is'} of {setting}: {claim_groups.find_command(c)}"
     if c.missing:
         yield f"missing: {claim_words.describe_missing(c)}"

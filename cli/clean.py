@@ -16,8 +16,8 @@ def run(arguments: argparse.Namespace) -> int:
     """
     out, dry = make_console(), arguments.dry_run
     verb, count, total = "would remove" if dry else "removed", 0, 0
-    for old in cleaning.find_old(store.LOCAL, arguments.keep, arguments.older_than or 0.0):
-        gone = not cleaning.is_in_use(old.folder) if dry else cleaning.remove(old.folder)
+    for old in cleaning.find_old_folders(store.LOCAL, arguments.keep, arguments.older_than or 0.0):
+        gone = not cleaning.is_in_use(old.folder) if dry else cleaning.remove_folder(old.folder)
         if gone:
             count, total = count + 1, total + old.bytes
         words = (

@@ -33,7 +33,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def add_commands(commands: Any) -> None:
-    """Add the parser of every subcommand; each function ``_add_<command>`` below adds the one of its name."""
+    """Add the parser of every subcommand to ``commands``, the object that ``make_parser`` returns for it."""
     for add in (
         _add_list,
         _add_solve,
@@ -82,6 +82,7 @@ def add_subcommand(
 
 
 def _add_list(commands: Any) -> None:
+    """Add the parser of the command ``list``."""
     words = "list problems, solvers and suites, or explain one of them with options, units and defaults"
     p = add_subcommand(commands, "list", words, "one object")
     p.add_argument("name", nargs="?", metavar="NAME", help="problems, solvers, or the name of one of these")
@@ -89,6 +90,7 @@ def _add_list(commands: Any) -> None:
 
 
 def _add_solve(commands: Any) -> None:
+    """Add the parser of the command ``solve``."""
     words = "run one solver on one problem; write motion and measurements"
     p = add_subcommand(commands, "solve", words, "one object", native=True)
     add_problem(p)
@@ -99,6 +101,7 @@ def _add_solve(commands: Any) -> None:
 
 
 def _add_run(commands: Any) -> None:
+    """Add the parser of the command ``run``."""
     p = add_subcommand(commands, "run", "run a suite and write a results folder", "one object at the end", native=True)
     p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
     add_run_options(p)
@@ -117,6 +120,7 @@ def _add_run(commands: Any) -> None:
 
 
 def _add_show(commands: Any) -> None:
+    """Add the parser of the command ``show``."""
     words = "show a results folder as a table, or one run in detail"
     p = add_subcommand(commands, "show", words, "one record per line")
     add_results(p)
@@ -131,6 +135,7 @@ def _add_show(commands: Any) -> None:
 
 
 def _add_report(commands: Any) -> None:
+    """Add the parser of the command ``report``."""
     p = add_subcommand(commands, "report", "write the report of a results folder, or compare two")
     results = f"{RESULTS} (default: the newest); two of them are compared"
     p.add_argument("results", nargs="*", default=["latest"], metavar="RESULTS", help=results)
@@ -140,6 +145,7 @@ def _add_report(commands: Any) -> None:
 
 
 def _add_check(commands: Any) -> None:
+    """Add the parser of the command ``check``."""
     words = "test the requirements on a solver or problem, with the number measured; exit code 1 if one is not met"
     p = add_subcommand(commands, "check", words, "one object per requirement", native=True)
     p.add_argument("plugin", metavar="FILE.py", help="Python file, entry point, or name of a solver or problem")
@@ -147,6 +153,7 @@ def _add_check(commands: Any) -> None:
 
 
 def _add_try(commands: Any) -> None:
+    """Add the parser of the command ``try``."""
     words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
     p = add_subcommand(commands, "try", words, "one object a finding", native=True)
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
@@ -160,6 +167,7 @@ def _add_try(commands: Any) -> None:
 
 
 def _add_advise(commands: Any) -> None:
+    """Add the parser of the command ``advise``."""
     words = "find the cheapest solver and setting that meet an error on a problem; exit code 1 if none does"
     p = add_subcommand(commands, "advise", words, "one object a solver, the cheapest first", native=True)
     add_problem(p)
@@ -177,6 +185,7 @@ def _add_advise(commands: Any) -> None:
 
 
 def _add_export(commands: Any) -> None:
+    """Add the parser of the command ``export``."""
     p = add_subcommand(commands, "export", "print a problem with all its numbers, for any other code")
     add_problem(p)
     p.add_argument("--format", choices=("json",), default="json", help="see docs/your-own-solver.md (default: json)")
@@ -185,6 +194,7 @@ def _add_export(commands: Any) -> None:
 
 
 def _add_judge(commands: Any) -> None:
+    """Add the parser of the command ``judge``."""
     words = (
         "judge the paper's claims; exit code 1 if a verdict differs from the published, or the code is newer than "
         "these; orders are only shown"
@@ -198,6 +208,7 @@ def _add_judge(commands: Any) -> None:
 
 
 def _add_claim(commands: Any) -> None:
+    """Add the parser of the command ``claim``."""
     words = (
         "list the paper's claims with their verdicts, or show one: why and where it was tried; or make its runs and "
         "judge it"
@@ -214,6 +225,7 @@ def _add_claim(commands: Any) -> None:
 
 
 def _add_gate(commands: Any) -> None:
+    """Add the parser of the command ``gate``."""
     words = "run a suite and compare it with thresholds; exit code 0 if the gate is open, 1 if closed"
     p = add_subcommand(commands, "gate", words, "one object", native=True)
     p.add_argument("--suite", metavar="SUITE", help="name or TOML file (default: ci; with --results of files, those)")
@@ -234,6 +246,7 @@ def _add_gate(commands: Any) -> None:
 
 
 def _add_verify(commands: Any) -> None:
+    """Add the parser of the command ``verify``."""
     words = "repeat a sample of finished runs and compare; exit code 0 if they agree, 1 if not"
     p = add_subcommand(commands, "verify", words, "one object, as diff prints it")
     p.add_argument("results", type=find_results, metavar="RESULTS", help=RESULTS)
@@ -248,6 +261,7 @@ def _add_verify(commands: Any) -> None:
 
 
 def _add_diff(commands: Any) -> None:
+    """Add the parser of the command ``diff``."""
     words = "compare two results folders; exit code 0 if identical, 1 if not"
     p = add_subcommand(commands, "diff", words, "one object")
     p.add_argument("before", type=find_results, metavar="BEFORE", help=RESULTS)
@@ -257,12 +271,14 @@ def _add_diff(commands: Any) -> None:
 
 
 def _add_merge(commands: Any) -> None:
+    """Add the parser of the command ``merge``."""
     p = add_subcommand(commands, "merge", "merge results folders into one; the sources are not changed", "one object")
     p.add_argument("out", metavar="OUT", help="results folder to create or to add to")
     p.add_argument("sources", type=find_results, metavar="RESULTS", nargs="+", help="results folders to merge")
 
 
 def _add_remeasure(commands: Any) -> None:
+    """Add the parser of the command ``remeasure``."""
     words = (
         "measure finished runs again by the laws of this code: solved again they must have the same bits; costs stay; "
         "exit code 1 if a run could not be measured again"
@@ -274,6 +290,7 @@ def _add_remeasure(commands: Any) -> None:
 
 
 def _add_clean(commands: Any) -> None:
+    """Add the parser of the command ``clean``."""
     words = (
         "remove old results in results/local/ and unused files of caches; never results that a command is writing, "
         "that latest points to, or that have a name of your own"
@@ -287,6 +304,7 @@ def _add_clean(commands: Any) -> None:
 
 
 def _add_history(commands: Any) -> None:
+    """Add the parser of the command ``history``."""
     p = add_subcommand(commands, "history", "show each run's results over time and commits", "one object per row")
     p.add_argument("source", nargs="*", help="results folders and .jsonl files (default: all there are)")
     p.add_argument("--metric", default="energy_drift_max_J", metavar="NAME", help=f"one of {', '.join(METRICS)}")
@@ -296,6 +314,7 @@ def _add_history(commands: Any) -> None:
 
 
 def _add_figures(commands: Any) -> None:
+    """Add the parser of the command ``figures``."""
     p = add_subcommand(commands, "figures", "write vector figures and tables for a publication")
     add_results(p)
     p.add_argument("--paper", action="store_true", help="write figures 1 to 12 of the paper instead, with notes")
@@ -310,6 +329,7 @@ def _add_figures(commands: Any) -> None:
 
 
 def _add_completion(commands: Any) -> None:
+    """Add the parser of the command ``completion``."""
     words = "print the script by which a shell completes commands, options and names; its first lines say where it goes"
     p = add_subcommand(commands, "completion", words)
     p.add_argument("shell", choices=SHELLS, metavar="SHELL", help=", ".join(SHELLS))

@@ -21,13 +21,16 @@ ENTRIES = ("problem", "solver", "truth")  # options whose NAME is a problem or s
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the completion script for a shell; its first lines, comments, say where to save it."""
+    """Print the completion script for a shell, with a comment in its first lines on where to save it; return 0.
+
+    It holds the names of problems, solvers and suites; results folders are listed when the shell completes one.
+    """
     import shtab
 
     parser, commands = make_parser()
     add_commands(commands)
-    plain = load_catalogue()
-    names = {kind: [str(entry["name"]) for entry in plain[kind]] for kind in ("problems", "solvers")}
+    catalogue = load_catalogue()
+    names = {kind: [str(entry["name"]) for entry in catalogue[kind]] for kind in ("problems", "solvers")}
     results = shtab.cmd("ls results/local 2>/dev/null; ls -d -- */ 2>/dev/null")
     by_metavar = {
         **dict.fromkeys(FILES, shtab.FILE),
@@ -35,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
         **dict.fromkeys(RESULTS, results),
         "PROBLEM": _complete_names_or_files(names["problems"]),
         "SOLVER": _complete_names_or_files(names["solvers"]),
-        "SUITE": _complete_names_or_files(plain["suites"]),
+        "SUITE": _complete_names_or_files(catalogue["suites"]),
         "NAME": _complete_names_or_files(["problems", "solvers", *names["problems"], *names["solvers"]]),
     }
     for command in commands.choices.values():

@@ -25,7 +25,7 @@ CHANGED, ROUNDING = ("changed", "bold red"), ("rounding", "yellow")  # likeness 
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the changes; return 0 if both folders hold the same runs with the same numbers, bit for bit, else 1."""
+    """Print how the runs of two folders differ; return 0 if they hold the same runs and bits, else 1."""
     folders = [arguments.before, arguments.after]
     loaded = [store.load(f) for f in folders]
     if not any(part.records for part in loaded):
@@ -42,7 +42,7 @@ def show_comparison(found: Comparison, inputs: list[Finding], limit: int = CHANG
     if json:
         plain = {"same": found.is_identical, "alike": found.alike, **dataclasses.asdict(found)}
         differ = [{"what": d.quantity, "before": d.required, "after": d.words, "detail": d.why} for d in inputs]
-        print_json({**plain, "inputs": differ, "changes": list(map(_flatten, found.changes))})
+        print_json({**plain, "inputs": differ, "changes": list(map(_flatten_change, found.changes))})
         return
     rows: list[tuple[Text | str, ...]] = []
     for c in found.changes[:limit]:
@@ -60,7 +60,7 @@ def show_comparison(found: Comparison, inputs: list[Finding], limit: int = CHANG
     print_table(COLUMNS, rows, *below)
 
 
-def _flatten(c: Finding) -> dict[str, float | str]:
+def _flatten_change(c: Finding) -> dict[str, float | str]:
     """Return a change as plain values by name, for ``--json``."""
     before, after = read_change(c)
     likeness, _ = ROUNDING if c.holds else CHANGED

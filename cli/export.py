@@ -10,7 +10,7 @@ from .terminal import make_console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print or write the problem; return 0."""
+    """Print the problem as JSON, or write it to the file of --out; return 0."""
     name, parameters, _ = load_problem(arguments)
     text = to_json(describe_problem(make_problem(name, parameters)), indent=1)
     if arguments.out is None:

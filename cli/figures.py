@@ -9,7 +9,7 @@ from .terminal import make_console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the figures, and print a line on each problem or figure and the folder that holds them; return 0."""
+    """Write the figures of results, or with --paper the paper's; print a line on each and their folder; return 0."""
     folder = arguments.results
     if arguments.paper and arguments.name:
         raise UsageError("--name is for figures of your own; those of --paper have the paper's names")

@@ -25,7 +25,10 @@ COLUMNS = (
 
 
 def print_findings(findings: Iterable[Finding], *below: str, json: bool = False) -> None:
-    """Print one row per finding, without empty columns, and the lines ``below``; or one JSON object per finding."""
+    """Print one row per finding, and the lines ``below``; or one JSON object per finding.
+
+    Empty columns are left out, and the subject if all findings have the same.
+    """
     found = list(findings)
     if json:
         for f in found:
@@ -42,6 +45,6 @@ def print_findings(findings: Iterable[Finding], *below: str, json: bool = False)
         )
         for f in found
     ]
-    hidden = {1} if len({f.subject for f in found}) < 2 else set()
+    hidden = {1} if len({f.subject for f in found}) < 2 else set()  # 1: the subject, the column "of"
     shown = [k for k in range(len(COLUMNS)) if k not in hidden and (k < 2 or any(row[k] for row in rows))]
     print_table([COLUMNS[k] for k in shown], [[row[k] for k in shown] for row in rows], *below)

@@ -14,8 +14,8 @@ from .progress import run_watched
 from .terminal import make_error_console, plural
 
 
-def find_brief(folder: Path, records: Sequence[RunRecord]) -> list[RunRecord]:
-    """Return the runs of ``folder`` whose stored series lack steps or states."""
+def find_brief_runs(folder: Path, records: Sequence[RunRecord]) -> list[RunRecord]:
+    """Return those of ``records``, in the results folder ``folder``, whose stored series lack steps or states."""
     kept = ((r, store.read_run_series(folder, r, poses=False)) for r in records)
     return [r for r, series in kept if series is not None and series.is_brief]
 
@@ -24,10 +24,10 @@ def find_brief(folder: Path, records: Sequence[RunRecord]) -> list[RunRecord]:
 def provide_full_series(
     folder: Path, records: Sequence[RunRecord], jobs: int, plugins: tuple[str, ...], *, lossless: bool
 ) -> Iterator[dict[str, Series]]:
-    """Provide by run_id the series of ``records`` with every step; with ``lossless`` with every state, too.
+    """Yield the series of ``records`` with every step, by run_id; with ``lossless`` they have every state, too.
 
-    The runs are solved again, ``jobs`` at a time, in a temporary folder that is removed at the end of the context.
-    Without records, the dict is empty.
+    The runs of the results folder are solved again, ``jobs`` at a time, in a temporary folder that is removed when the
+    context ends. Without records, nothing is run and the dict is empty.
     """
     with tempfile.TemporaryDirectory() as place:
 

@@ -19,17 +19,17 @@ from ..harness.base.files import write_text
 from ..harness.catalogue import codes
 from ..harness.catalogue.suites.spec import RunSpec
 from ..harness.catalogue.suites.suite import Suite, load_suite
-from ..harness.judge.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
+from ..harness.judge.gate.baseline import FOLDER, format_thresholds, parse_thresholds, read_thresholds
 from ..harness.judge.gate.check import (
     STATES,
     WORST,
     describe_contradiction,
     describe_counts,
     describe_gate,
-    find_worst,
+    find_worst_verdict,
     is_open,
-    judge,
-    list_absent,
+    judge_runs,
+    list_missing_packages,
     select_consequences,
     select_judged,
     select_notable,
@@ -57,7 +57,7 @@ from ..harness.run.runner import Request, choose_pool, name_new_folder
 from .arguments import UsageError, check_not_installed, count_jobs, find_results, load_plugins
 from .findings import STYLE, print_findings
 from .keeping import make_series_choice
-from .progress import run_watched, warn_of_own_bits
+from .progress import run_watched, warn_of_deviating_bits
 from .terminal import make_console, make_error_console, plural, print_json
 
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
@@ -68,9 +68,11 @@ REMEDY = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Judge the runs, or with --update propose thresholds; return 1 if the gate is closed, else 0.
+    """Run the suite, or read --results, and compare it with the thresholds; return 1 if the gate is closed, else 0.
 
-    With --spread, 2 is returned if rounding decides the status of a run.
+    The findings are printed, written to the JUnit and Markdown files that are asked for, and added to the history of
+    gates. With --update nothing is judged: new thresholds are printed or written. Then return 0, or 2 if with --spread
+    rounding decides the status of a run.
     """
     _check_call(arguments)
     for file, words in ((arguments.junit, JUNIT_BEGUN), (arguments.markdown, MARKDOWN_BEGUN)):
@@ -84,8 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
         check_not_installed(path, "--thresholds FILE")
     thresholds = read_thresholds(path, suite.name, is_new=arguments.update and not path.exists())
     if not arguments.results or arguments.spread:
-        warn_of_own_bits()
-    name, stamp, records = _find_results(arguments, suite)
+        warn_of_deviating_bits()
+    name, stamp, records = _run_or_read_results(arguments, suite)
     of_files = suite.name == REFEREED  # whose results are no result of this code: the newest file counts
     code = None if arguments.any_code or of_files else partial(codes.digest_run_code, plugins=suite.plugins)
     judged = select_judged(records, code)
@@ -95,14 +97,14 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError(f"no result of this code to take thresholds of {suite.name!r} from; nothing was written")
         if arguments.spread:
             samples = _repeat_runs(arguments, suite, judged)
-            _propose_thresholds(path, write_thresholds(widen_by_spread(thresholds, samples)), write=arguments.write)
+            _propose_thresholds(path, format_thresholds(widen_by_spread(thresholds, samples)), write=arguments.write)
             unstable = find_unstable(samples)
             for case, words in unstable.items():
                 make_error_console().print(f"error: {case}: rounding decides the status: {words}; its bounds stay")
             return 2 if unstable else 0
         new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
-        return _propose_thresholds(path, write_thresholds(new), write=arguments.write)
-    found = judge(specs, records, thresholds, code, arguments.without)
+        return _propose_thresholds(path, format_thresholds(new), write=arguments.write)
+    found = judge_runs(specs, records, thresholds, code, arguments.without)
     if arguments.json:
         print_json(make_json_object(found, suite.name))
     else:
@@ -122,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_call(arguments: argparse.Namespace) -> None:
-    """Raise UsageError for options that cannot be combined; replace ``arguments.results`` by the path of its folder."""
+    """Raise UsageError for options that cannot be combined; set ``arguments.results`` to the path of its folder."""
     arguments.results = arguments.results and find_results(arguments.results)
     if arguments.any_code and not arguments.results:
         raise UsageError("--any-code needs --results; a suite that is run now is of this code")
@@ -135,7 +137,10 @@ def _check_call(arguments: argparse.Namespace) -> None:
 
 
 def _make_file_suite(arguments: argparse.Namespace) -> Suite | None:
-    """Return a suite without runs if --results names a folder of files judged by ``referee``; else None."""
+    """Return a suite without runs if --results names a folder of files judged by ``referee``, and no --suite is given.
+
+    Return None for any other call.
+    """
     if arguments.results is None or arguments.suite is not None:
         return None
     records = _load_records(arguments.results)
@@ -158,18 +163,23 @@ def _load_records(results: Path) -> tuple[RunRecord, ...]:
     return loaded.records
 
 
-def _disown_stale(folder: Path, records: Sequence[RunRecord]) -> tuple[RunRecord, ...]:
-    """Return the records, without the digest of their code where the present code would measure a column otherwise."""
+def _clear_stale_codes(folder: Path, records: Sequence[RunRecord]) -> tuple[RunRecord, ...]:
+    """Return the records, with an empty digest of the code where the present code measures a column differently.
+
+    A record with an empty digest is not judged as a result of this code.
+    """
     known, here = read_stored_digests(folder), codes.read_column_digests()
     return tuple(dataclasses.replace(r, code="") if find_stale_columns(r, known, here) else r for r in records)
 
 
-def _find_results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
+def _run_or_read_results(
+    arguments: argparse.Namespace, suite: Suite
+) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
     """Run the suite, unless --results names a folder; return the folder's name, its stamp and its records."""
     if arguments.results:
         folder = arguments.results
         records = _load_records(folder)
-        return folder.resolve().name, read_environment(folder), _disown_stale(folder, records)
+        return folder.resolve().name, read_environment(folder), _clear_stale_codes(folder, records)
     with tempfile.TemporaryDirectory() as place:
         name = name_new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
@@ -193,8 +203,8 @@ def _print_findings(found: Sequence[Finding], *, everything: bool) -> None:
     if more := sum(f.verdict is Verdict.MET and f not in shown for f in found):
         make_console().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
     gate, counts = describe_gate(found), describe_counts(found)
-    words = f"{gate} ({counts})" if list_absent(found) else f"{gate}: {counts}"
-    make_console().print(Text(f"gate {words}", STYLE[find_worst(found)]), soft_wrap=True)
+    words = f"{gate} ({counts})" if list_missing_packages(found) else f"{gate}: {counts}"
+    make_console().print(Text(f"gate {words}", STYLE[find_worst_verdict(found)]), soft_wrap=True)
 
 
 def _describe_change(f: Finding) -> Finding:
@@ -209,10 +219,11 @@ def _describe_change(f: Finding) -> Finding:
 def _repeat_runs(
     arguments: argparse.Namespace, suite: Suite, judged: Sequence[RunRecord]
 ) -> dict[str, list[tuple[str, RunRecord]]]:
-    """Repeat the suite's runs with perturbed starts and other arithmetic; return all records by case, with their kind.
+    """Repeat the suite's runs with perturbed starts and other arithmetic; return by case the pairs of kind and record.
 
-    ``judged`` are the unperturbed runs, which come first. Runs for each type of core are made separately. A repeat
-    identical to one of an earlier round, such as other kernels with an unperturbed start, is one sample.
+    The kind says what was changed; it is empty for the unperturbed runs ``judged``, which come first. Runs for each
+    type of core are made separately. Repeats with the same settings, such as other kernels with an unperturbed start,
+    are one sample.
     """
     known = {r.settings_id: r for r in judged}
     repeats: dict[str, dict[str, tuple[str, str, RunSpec]]] = {}  # by core type and settings
@@ -228,14 +239,17 @@ def _repeat_runs(
         with tempfile.TemporaryDirectory() as place:
             request = Request(extra, Path(place) / "spread", count_jobs(arguments.jobs), pool=pool)
             loaded, _ = run_watched(request, quiet=False)
-        of = {r.settings_id: r for r in loaded.records}
-        for settings, (case, kind, _) in own.items():
-            samples[case].append((kind, of[settings]))
+        repeated = {r.settings_id: r for r in loaded.records}
+        for settings_id, (case, kind, _) in own.items():
+            samples[case].append((kind, repeated[settings_id]))
     return samples
 
 
 def _propose_thresholds(path: Path, new: str, *, write: bool) -> int:
-    """Print the text of the proposed thresholds as a diff, or ``write`` it to ``path``; return 0."""
+    """Print the text ``new`` of the proposed thresholds as a diff, or ``write`` it to ``path``; return 0.
+
+    A note says so if comments of the file are lost by writing it.
+    """
     parse_thresholds(new, path)  # checked first, so that the gate can read what is written
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     out = make_console()

@@ -26,7 +26,10 @@ WIDTH = 16  # characters of a sparkline
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print one line per run; return 1 if a file could not be read, else 0."""
+    """Print one line per run of the chosen problem and solver, and write the rows with --write.
+
+    Return 1 if a file could not be read, else 0.
+    """
     if arguments.metric not in METRICS:
         raise UsageError(f"unknown metric {arguments.metric!r}{suggest_name(arguments.metric, list(METRICS))}")
     rows, unreadable = _load_rows(arguments.source)
@@ -45,9 +48,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _load_rows(sources: list[str]) -> tuple[Sequence[Row], list[str]]:
-    """Return one row per run and results folder, of the given or all histories, and the files that could not be read.
+    """Return one row per run and results folder, and a line on each file that could not be read.
 
-    A named file that cannot be read raises FileError.
+    ``sources`` are results folders and .jsonl files; if there are none, all histories are read. A file that is named
+    in ``sources`` and cannot be read raises FileError.
     """
     if sources:
         files = [Path(s) for s in sources if s.endswith(".jsonl")]
@@ -66,7 +70,10 @@ def _load_rows(sources: list[str]) -> tuple[Sequence[Row], list[str]]:
 
 
 def _print_rows(rows: Sequence[Row], metric: str) -> None:
-    """Print one line per run: first and last value of the metric, a sparkline, CPU ratio and last status."""
+    """Print one line per run: first and last value of the metric, a sparkline, CPU ratio and last status.
+
+    Runs whose status changed come first, then all by case; the last five results folders are named below.
+    """
     by_run: dict[str, list[Row]] = {}
     for r in rows:
         by_run.setdefault(r.settings_id, []).append(r)

@@ -15,8 +15,8 @@ from ..harness.judge.referee.carried import is_current_or_carried, is_measuring_
 from ..harness.judge.referee.certificates.orders import select_motion
 from ..harness.judge.referee.claims.register import PRESENTATION
 from ..harness.judge.referee.currency import (
-    describe_older,
-    describe_stale,
+    describe_older_runs,
+    describe_stale_runs,
     find_older_runs,
     find_stale_runs,
 )
@@ -85,16 +85,20 @@ def refuse_other_code(folder: Path, records: Sequence[RunRecord]) -> None:
     """Raise UsageError if ``records`` of a results folder are of other code, or were measured by other code."""
     older = find_older_runs(records, [str(p) for p in read_environment(folder).get("plugins") or ()])
     if old := [r for r in older if not is_current_or_carried(r.problem, r.solver, r.code)]:
-        raise UsageError(describe_older(old, str(folder)))
+        raise UsageError(describe_older_runs(old, str(folder)))
     states = read_stored_digests(folder)
     carried = {d for d in {r.measured_by for r in records} if is_measuring_carried(d, states)}
     uncarried = [r for r in records if r.measured_by not in carried]
     if changed_columns := find_stale_runs(uncarried, states):
-        raise UsageError(describe_stale(changed_columns, str(folder)))
+        raise UsageError(describe_stale_runs(changed_columns, str(folder)))
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Judge and print the claims; return 1 if the published verdicts differ or are of older code, else 0."""
+    """Judge the claims of both registers from a results folder, write the judgements into it and print them.
+
+    With --publish they are also written to the folder of published verdicts; else they are compared with these. Return
+    1 if a verdict differs from the published one, or if the published ones are of older code, else 0.
+    """
     paper = replace(PAPER, path=Path(arguments.claims)) if arguments.claims else PAPER
     places = (paper, FIELD)
     for place in places:
@@ -117,7 +121,7 @@ def run(arguments: argparse.Namespace) -> int:
         codes = {p.file.name: judging.digest_code(p) for p in places}
         write_judgements(ConfinedPath(folder) / FOLDER, judged, codes)
     here = {r.settings_id for r in loaded.records}
-    found = [_compare(p, judged[p.file.name], codes[p.file.name], before[p], here, published) for p in places]
+    found = [_compare_verdicts(p, judged[p.file.name], codes[p.file.name], before[p], here, published) for p in places]
     orders = select_motion(judged.get(ORDERS.name, ()))
     if arguments.json:
         make_console().print(format_judgement(_collect_plain(found, orders)), end="")
@@ -139,13 +143,14 @@ def run(arguments: argparse.Namespace) -> int:
 def _choose_registers(
     arguments: argparse.Namespace, places: Sequence[RegisterPlace], records: Sequence[RunRecord]
 ) -> list[RegisterPlace]:
-    """Return the registers of whose claims no run is missing; without --partial raise UsageError if there is none.
+    """Return the registers whose claims lack no run in ``records``; raise UsageError if there is none.
 
-    With --publish, those whose verdicts may be published from these results.
+    With --publish, these are the registers whose verdicts may be published. With --partial alone, none is returned:
+    only the claims covered by the results are shown.
     """
     if arguments.partial and not arguments.publish:
         return []
-    wanted = {p: judging.list_published_runs(p) if arguments.publish else judging.select_needed(p) for p in places}
+    wanted = {p: judging.list_published_runs(p) if arguments.publish else judging.select_needed_runs(p) for p in places}
     missing = {p: judging.find_missing(records, specs) for p, specs in wanted.items()}
     if whole := [p for p in places if wanted[p] and not missing[p]]:
         return whole
@@ -163,7 +168,7 @@ def _make_remedy(place: RegisterPlace) -> str:
     return f"mbsbench run {place.whole} --resume"
 
 
-def _compare(
+def _compare_verdicts(
     place: RegisterPlace,
     claims: tuple[JudgedClaim, ...],
     code: CodeDigests,
@@ -171,10 +176,10 @@ def _compare(
     here: set[str],
     published: ConfinedPath,
 ) -> _Verdicts:
-    """Return the verdicts on one register, with what changed since those ``before`` were published.
+    """Return the verdicts on one register, with what changed, in verdicts and in code, since others were published.
 
-    ``here`` are the settings_ids of the results, ``code`` are the digests of the present code; claims that lack runs
-    are not compared.
+    ``before`` are the published claims, None if there is nothing to compare with. ``here`` are the settings_ids of the
+    results, ``code`` are the digests of the present code; claims that lack runs are not compared.
     """
     lacking = {c.id for c in claims if any(m.gap is ClaimGap.RUNS for m in c.missing)}
     whole = tuple(c for c in claims if c.id not in lacking and here.intersection(c.settings_ids))
@@ -193,7 +198,7 @@ def _collect_plain(found: Sequence[_Verdicts], orders: Sequence[Order]) -> dict[
 
 
 def _select_published(judged: Mapping[str, Any], places: Sequence[RegisterPlace]) -> dict[str, Any]:
-    """Return the judgements that are published: claims shortened, and with the paper's all others."""
+    """Return the judgements to publish: the shortened claims of ``places``, and with the paper's all other files."""
     own = {p.file.name: shorten_claims(judged[p.file.name]) for p in places}
     registers = {PAPER.file.name, FIELD.file.name}
     others = {k: v for k, v in judged.items() if k not in registers} if PAPER.name in [p.name for p in places] else {}
@@ -201,7 +206,10 @@ def _select_published(judged: Mapping[str, Any], places: Sequence[RegisterPlace]
 
 
 def _print_verdicts(v: _Verdicts, known: Sequence[JudgedClaim], publishing: bool) -> None:
-    """Print the verdicts on the ``known`` claims of a register, and how many lack runs."""
+    """Print the verdicts on the claims ``known`` of a register, then how many others lack runs and how to make these.
+
+    ``publishing`` states that the verdicts will be published.
+    """
     if known:
         show_claims(known, v.changed, v.before is not None, publishing, v.place)
     if others := len(v.claims) - len(known):
@@ -223,8 +231,9 @@ def show_claims(
 ) -> None:
     """Print the table of verdicts, the count of each, and the changes from the published ones.
 
-    ``compared`` states that published verdicts exist; ``publishing``, that these will be published, so that no remedy
-    is named. A claim of the field has one verdict, one of the paper two, and figures.
+    ``changed`` holds the id of a claim and its verdicts before and now. ``compared`` states that published verdicts
+    exist; ``publishing``, that these will be published, so that no remedy is named. A claim of the field has one
+    verdict, one of the paper two, and figures.
     """
     rows = []
     for c in claims:
@@ -261,7 +270,10 @@ def format_verdict(f: ClaimFinding | None) -> Text:
 
 
 def count_verdicts(claims: Sequence[JudgedClaim], place: RegisterPlace = PAPER) -> str:
-    """Count each verdict; checks of the set-up, theorems about a problem, are counted separately."""
+    """Return lines with the count of each verdict; checks of the set-up have a line of their own.
+
+    Such checks are theorems about a problem and say nothing of solvers.
+    """
     results = [c for c in claims if c.kind != PRESENTATION]
     sides = tuple(zip(claim_words.WHERE, ("paper", "beyond"), strict=True))
     out = []

@@ -43,25 +43,25 @@ Entry = Mapping[str, Any]
 def run(arguments: argparse.Namespace) -> int:
     """Print an overview, all entries of one kind, or one entry; raise UsageError for an unknown name."""
     load_plugins(arguments.plugin)
-    plain = describe_catalogue(plugins=True) if arguments.plugin else load_catalogue()
+    catalogue = describe_catalogue(plugins=True) if arguments.plugin else load_catalogue()
     name = arguments.name
     if name in KINDS:
-        plain = {**plain, **{kind: [] for kind in KINDS if kind != name}}
+        catalogue = {**catalogue, **{kind: [] for kind in KINDS if kind != name}}
     elif name is not None:
-        known = [*KINDS, *(e["name"] for kind in KINDS for e in plain[kind])]
-        plain = {**plain, **{kind: [e for e in plain[kind] if e["name"] == name] for kind in KINDS}}
-        if not any(plain[kind] for kind in KINDS):
+        known = [*KINDS, *(e["name"] for kind in KINDS for e in catalogue[kind])]
+        catalogue = {**catalogue, **{kind: [e for e in catalogue[kind] if e["name"] == name] for kind in KINDS}}
+        if not any(catalogue[kind] for kind in KINDS):
             raise UsageError(f"no problem or solver is called {name!r}{suggest_name(name, known)}")
     from .terminal import make_table_console, print_json  # imported here: JSON and a wrong name need no tables
 
     if arguments.json:
-        print_json({k: v for k, v in plain.items() if k in (*KINDS, "suites")})
+        print_json({k: v for k, v in catalogue.items() if k in (*KINDS, "suites")})
     elif name in KINDS:
-        print_kind(plain, name)
+        print_kind(catalogue, name)
     elif name is not None:
-        print_entry(plain, make_table_console())
+        print_entry(catalogue, make_table_console())
     else:
-        print_overview(plain, make_table_console())
+        print_overview(catalogue, make_table_console())
     return 0
 
 
@@ -70,25 +70,25 @@ CONTROLS = {"dt": "Solvers with a fixed step dt", "rtol": "Solvers with a tolera
 WIDTH = 80  # largest width of the overview
 
 
-def print_overview(plain: Entry, out: "Console") -> None:
-    """Print the names of problems, solvers and suites on one screen."""
-    groups = {"Problems": [p["name"] for p in plain["problems"]]}
-    groups |= {words: [s["name"] for s in plain["solvers"] if s["control"] == k] for k, words in CONTROLS.items()}
-    groups["Suites"] = plain["suites"]
+def print_overview(catalogue: Entry, out: "Console") -> None:
+    """Print the names of problems, solvers and suites, and which problems test what, on one screen."""
+    groups = {"Problems": [p["name"] for p in catalogue["problems"]]}
+    groups |= {words: [s["name"] for s in catalogue["solvers"] if s["control"] == k] for k, words in CONTROLS.items()}
+    groups["Suites"] = catalogue["suites"]
     width = min(out.width, WIDTH)
     for title, names in groups.items():
         out.print(f"[bold]{title}[/bold] ({len(names)})")
         out.print(textwrap.fill(", ".join(names), width, initial_indent="  ", subsequent_indent="  "), markup=False)
     out.print("[bold]What problems test[/bold]")
-    for trait in plain["traits"]:
-        tested = ", ".join(p["name"] for p in plain["problems"] if trait in p["tests"])
+    for trait in catalogue["traits"]:
+        tested = ", ".join(p["name"] for p in catalogue["problems"] if trait in p["tests"])
         lines = textwrap.fill(f"{trait}: {tested}", width, initial_indent="  ", subsequent_indent="    ")
         out.print(lines, markup=False)
     out.print("more: list problems, list solvers; list NAME has options, units and defaults", style="dim")
 
 
-def print_kind(plain: Entry, kind: str) -> None:
-    """Print each problem or each solver with its summary."""
+def print_kind(catalogue: Entry, kind: str) -> None:
+    """Print a table of all problems or of all solvers, as ``kind`` says, with their summaries."""
     from .terminal import Column, print_table
 
     summary = Column("", right=False, fold=True)
@@ -96,7 +96,7 @@ def print_kind(plain: Entry, kind: str) -> None:
     rows: list[tuple[str, ...]]
     if kind == "problems":
         columns = (Column("problem", right=False), Column("T [s]", rank=1), summary)
-        rows = [(p["name"], f"{p['t_end_s']:g}" if p["t_end_s"] else "", p["doc"]) for p in plain[kind]]
+        rows = [(p["name"], f"{p['t_end_s']:g}" if p["t_end_s"] else "", p["doc"]) for p in catalogue[kind]]
     else:
         columns = (
             Column("solver", right=False),
@@ -105,25 +105,29 @@ def print_kind(plain: Entry, kind: str) -> None:
             summary,
         )
         rows = [
-            (s["name"], s["control"], "" if s["order"] is None else f"{s['order']:g}", s["doc"]) for s in plain[kind]
+            (s["name"], s["control"], "" if s["order"] is None else f"{s['order']:g}", s["doc"])
+            for s in catalogue[kind]
         ]
     print_table(columns, rows)
 
 
-def print_entry(plain: Entry, out: "Console") -> None:
-    """Print the only entry of ``plain`` with its options; for a problem also the parameters that every problem has."""
-    for p in plain["problems"]:
-        _print_problem(p, plain, out)
+def print_entry(catalogue: Entry, out: "Console") -> None:
+    """Print the only entry of ``catalogue`` with its options; for a problem also the parameters of every problem."""
+    for p in catalogue["problems"]:
+        _print_problem(p, catalogue, out)
         out.print("parameters of every problem", style="dim")
-        _print_options(out, plain["every_problem"])
-    for s in plain["solvers"]:
-        _print_solver(s, plain, out)
-    name, word = (plain["problems"] or plain["solvers"])[0]["name"], "--problem-set" if plain["problems"] else "--set"
-    call = f"{name} SOLVER" if plain["problems"] else f"PROBLEM {name}"
+        _print_options(out, catalogue["every_problem"])
+    for s in catalogue["solvers"]:
+        _print_solver(s, catalogue, out)
+    name, word = (
+        (catalogue["problems"] or catalogue["solvers"])[0]["name"],
+        "--problem-set" if catalogue["problems"] else "--set",
+    )
+    call = f"{name} SOLVER" if catalogue["problems"] else f"PROBLEM {name}"
     out.print(f"to change one: mbsbench solve {call} {word} name=value", style="dim", markup=False)
 
 
-def _print_problem(p: Entry, plain: Entry, out: "Console") -> None:
+def _print_problem(p: Entry, catalogue: Entry, out: "Console") -> None:
     """Print a problem: what it tests, its source, its end time, its reference and its own parameters."""
     from rich.markup import escape
 
@@ -136,18 +140,18 @@ def _print_problem(p: Entry, plain: Entry, out: "Console") -> None:
     ]
     if any(facts):
         out.print(escape(f"  {'; '.join(filter(None, facts))}"), style="dim")
-    common = {o["name"] for o in plain["every_problem"]}
+    common = {o["name"] for o in catalogue["every_problem"]}
     _print_options(out, [o for o in p["parameters"] if o["name"] not in common])
 
 
-def _print_solver(s: Entry, plain: Entry, out: "Console") -> None:
+def _print_solver(s: Entry, catalogue: Entry, out: "Console") -> None:
     """Print a solver: its name in the paper, its order, its step control and its options."""
     from rich.markup import escape
 
     label = escape(f"[{s['paper_label']}]  ") if s["paper_label"] else ""
     out.print(f"[bold green]{s['name']}[/bold green]  {label}{escape(s['doc'])}")
     order = f"order {s['order']:g}; " if s["order"] is not None else ""
-    out.print(escape(f"  {order}{STEP[s['control']].format(rtol=plain['rtol'])}; {LIMITS}"), style="dim")
+    out.print(escape(f"  {order}{STEP[s['control']].format(rtol=catalogue['rtol'])}; {LIMITS}"), style="dim")
     _print_options(out, s["options"])
 
 
@@ -169,7 +173,10 @@ def _print_options(out: "Console", options: Sequence[Entry]) -> None:
 
 
 def load_catalogue() -> dict[str, Any]:
-    """Return ``describe_catalogue`` without plugins, cached in a file until code changes: imports take seconds."""
+    """Return the catalogue without plugins, as ``describe_catalogue`` does, from a file until its code changes.
+
+    The file saves the imports, which take seconds; it is written again if it is missing or damaged.
+    """
     path = make_cache_folder("catalogue", ROOT / "results" / "local") / f"{_digest_code()}.json"
     with contextlib.suppress(OSError, ValueError, FileError):  # missing or damaged: made anew
         found: dict[str, Any] = parse_json(read_sealed_file(path, LARGEST).decode(), str(path))
@@ -183,7 +190,7 @@ def load_catalogue() -> dict[str, Any]:
 
 
 def _digest_code() -> str:
-    """Return the digest of the code behind the catalogue and of the interpreter."""
+    """Return the digest of the code behind the catalogue, of the names of suites and of the interpreter's version."""
     digest = hashlib.sha256(sys.version.encode())
     for folder in SHAPING:
         for path in sorted((ROOT / folder).rglob("*.py")):
@@ -231,9 +238,9 @@ def describe_catalogue(*, plugins: bool) -> dict[str, Any]:
 
 
 def _describe_problem(name: str) -> dict[str, Any]:
-    """Return section, end time and kind of reference of the problem of that name, with its default parameters.
+    """Return section, end time [s] and kind of reference of the problem called ``name``, with its default parameters.
 
-    The section is empty and the others are None if the problem cannot be made, which ``check`` reports.
+    If the problem cannot be made, the section is empty and the others are None; ``check`` reports why.
     """
     from ..harness.catalogue import registry
     from ..harness.mechanics.types import classify_reference
@@ -253,7 +260,7 @@ def _read_order(name: str) -> float | None:
     from ..harness.catalogue import registry
 
     order = registry.read_declaration(registry.make_solver(name))[1]
-    return order if order == order else None
+    return order if order == order else None  # NaN: none is declared
 
 
 def _describe_options(parameters: "Mapping[str, tuple[Any, Parameter]]") -> list[dict[str, Any]]:

@@ -8,7 +8,10 @@ from .terminal import make_console, plural, print_json, print_unreadable
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Merge the folders; return 0 if every record could be read and no run contradicts another, else 1."""
+    """Merge the folders into OUT and print what was added, could not be read or contradicts another result.
+
+    Return 0 if every record could be read and no run contradicts another, else 1.
+    """
     done = merge(Path(arguments.out), arguments.sources)
     code = 1 if done.unreadable or done.conflicts else 0
     if arguments.json:

@@ -35,7 +35,7 @@ class Parser(argparse.ArgumentParser):
         self.color = False  # Python 3.14 would write escapes around the headings
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        """Parse the arguments; raise UsageError for an unknown option, with the nearest known one."""
+        """Return the parsed arguments and the unknown positional ones; raise UsageError for an unknown option."""
         found, left = super().parse_known_args(args, namespace)
         for name in (word.partition("=")[0] for word in left if word.startswith("--")):
             known = ["--help", *re.findall(r"--[\w-]+", self.format_usage())]
@@ -43,7 +43,7 @@ class Parser(argparse.ArgumentParser):
         return found, left
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        """Return the converted value; an error that begins with ``must`` is prefixed with the argument's name."""
+        """Convert the text of an argument; put its name before an error message that starts with ``must``."""
         if not callable(action.type):
             return super()._get_value(action, arg_string)  # type: ignore[misc]
         try:
@@ -67,10 +67,10 @@ class MainParser(Parser):
     """The parser of ``mbsbench``, whose help lists the commands under the headings of ``GROUPS``."""
 
     def format_help(self) -> str:
-        """Return the help, with commands listed by group and those of no group last."""
+        """Return the help of argparse with its list of commands regrouped; commands of no group come last."""
         head, _, rest = super().format_help().partition(f"{TITLE}:\n  {METAVAR}\n")
         listed, end, tail = rest.partition("\n\n")
-        entries = {entry.split()[0]: entry for entry in re.split(r"\n(?=    \S)", listed)}
+        entries = {entry.split()[0]: entry for entry in re.split(r"\n(?=    \S)", listed)}  # indented by four: a name
         grouped = {group: [n for n in names.split() if n in entries] for group, names in GROUPS.items()}
         grouped["more"] = [n for n in entries if not any(n in own for own in grouped.values())]
         lines = [line for group, own in grouped.items() if own for line in (f"  {group}:", *(entries[n] for n in own))]

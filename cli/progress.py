@@ -12,7 +12,7 @@ from rich.live import Live
 from rich.text import Text
 
 from ..harness.base import machine
-from ..harness.base.isolation import describe_lacking
+from ..harness.base.isolation import describe_missing_protection
 from ..harness.catalogue.suites.spec import RunSpec
 from ..harness.mechanics.types import Status
 from ..harness.results.records import RunRecord
@@ -47,6 +47,7 @@ class ProgressDisplay:
         later: int = 0,
         afterwards: str = "",
     ) -> None:
+        """Start the display of a suite that runs ``size`` jobs at a time; ``live`` is None without a terminal."""
         self.budget = budget  # words on the limit of a command that runs several suites
         self.later = later  # runs of the suite that this command leaves to a later one
         self.afterwards = afterwards  # words on what commands that follow will take
@@ -96,7 +97,10 @@ class ProgressDisplay:
         self.on_tick()
 
     def on_end(self, job: Job, record: RunRecord) -> None:
-        """Print how a run ended and why; update the estimate of times and the largest energy drift."""
+        """Print how a run ended and why; update the estimate of times and the largest energy drift.
+
+        A run that lacks a package is not printed if the command itself names missing packages (``announces`` False).
+        """
         begun = self.running.pop(job.id, None)
         self.done += 1
         if begun and record.wall_s > 0.0:
@@ -113,7 +117,7 @@ class ProgressDisplay:
             said.insert(0, f"{because[0]}{f', and {len(because) - 1} more' if because[1:] else ''}")
         if beside := "; ".join(filter(None, said)):
             words += f"  ({beside})"
-        if record.missing_package and not self.announces:  # the command itself names missing packages
+        if record.missing_package and not self.announces:
             return
         count = f"[{self.before + self.done}/{self.total}]"
         self._print_line(f"{count} {words}", choose_status_style(record.status))
@@ -164,13 +168,13 @@ class ProgressDisplay:
 
     def format_status(self, now: float) -> list[Text]:
         """Return the status lines at ``now`` (of time.monotonic): a bar, the worst drift, the running runs."""
-        full = round(self.estimate.compute_done_share(self._list_running(), self._list_waiting()) * BAR)
+        full = round(self.estimate.compute_done_fraction(self._list_running(), self._list_waiting()) * BAR)
         lines = [Text.assemble(("━" * full, "green"), ("─" * (BAR - full), "dim"), f" {self.describe_count()}")]
         if self.worst[1]:
             lines.append(Text(f"worst drift: {self.describe_drift()}"))
         for job, since in list(self.running.values())[:SHOWN]:
-            of = format_duration(now - since + self.estimate.estimate_remaining(job.spec, now - since))
-            lines.append(Text(f"  {now - since:.0f} s of about {of}: {job.spec.case}", "dim"))
+            whole = format_duration(now - since + self.estimate.estimate_remaining(job.spec, now - since))
+            lines.append(Text(f"  {now - since:.0f} s of about {whole}: {job.spec.case}", "dim"))
         if self.warming:
             lines.append(Text(f"  {describe_wait(PREPARING, now - self.opened, self.estimate.once)}", "dim"))
         for line in lines:
@@ -178,12 +182,15 @@ class ProgressDisplay:
         return lines
 
     def describe_count(self) -> str:
-        """Return words on the finished runs, the fraction of the work that is done, and the time left."""
+        """Return words on the finished runs, the percentage of the work that is done, and the time left.
+
+        Without runs left they are the number of finished runs alone.
+        """
         running, waiting = self._list_running(), self._list_waiting()
         words = f"{self.before + self.done} of {plural(self.total, 'run')}"
         if not (running or waiting):
             return words
-        share, left = (f(running, waiting) for f in (self.estimate.compute_done_share, self._estimate_left))
+        share, left = self.estimate.compute_done_fraction(running, waiting), self._estimate_left(running, waiting)
         later = (
             f"; {plural(self.later, 'run')} of the suite follow{'s' if self.later == 1 else ''}" if self.later else ""
         )
@@ -191,7 +198,7 @@ class ProgressDisplay:
 
     def _estimate_left(self, running: Sequence[tuple[RunSpec, float]], waiting: Sequence[RunSpec]) -> float:
         """Return the wall time that the running and the waiting runs still take [s]."""
-        return self.estimate.estimate_left(running, waiting, self.size)
+        return self.estimate.estimate_time_left(running, waiting, self.size)
 
     def _list_running(self) -> list[tuple[RunSpec, float]]:
         """Return the running runs, each with the wall time since its start [s]."""
@@ -212,7 +219,7 @@ class ProgressDisplay:
         self.console.print(Text(words, style), highlight=False, soft_wrap=True)
 
 
-def warn_of_own_bits() -> None:
+def warn_of_deviating_bits() -> None:
     """Print a line if runs on this machine do not agree bit for bit with those on other machines."""
     if words := machine.explain_deviations():
         make_error_console().print(words)
@@ -220,7 +227,7 @@ def warn_of_own_bits() -> None:
 
 def announce_suite(words: str, out: Console) -> None:
     """Print the plan of a command, given in ``words``, and the means of confining runs that this system lacks."""
-    for line in filter(None, (words, describe_lacking())):
+    for line in filter(None, (words, describe_missing_protection())):
         out.print(Text(line), highlight=False, soft_wrap=True)
 
 
@@ -236,10 +243,10 @@ def run_watched(
 ) -> tuple[LoadedResults, ProgressDisplay]:
     """Run a suite with progress on standard error, unless ``quiet``; return its results and the display.
 
-    On a terminal there are status lines. A suite that is not ``resumable`` has a temporary folder or one named
-    elsewhere. With ``announces=False`` the command itself has said what it will run. Without ``is_local`` the runs are
-    on a cluster and take an unknown time. ``budget`` names in words the limit of the command that ends the suite, in
-    place of the suite's own, ``afterwards`` what the commands that usually follow will take.
+    On a terminal there are status lines, elsewhere plain lines. Of a suite that is not ``resumable`` no line offers
+    --resume. With ``announces=False`` the command itself has printed what it will run. With ``is_local=False`` the runs
+    are on a cluster and take an unknown time. ``budget`` names in words the command's own limit, in place of the
+    suite's total_limit; ``afterwards`` says how long the commands that usually follow will take.
     """
     console = Console(quiet=quiet, stderr=True)
     plain = quiet or not console.is_terminal or console.is_dumb_terminal

@@ -14,9 +14,10 @@ NAMED = 20  # most runs listed that stay unchanged
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure again the runs that other code measured; return 1 if one stays unchanged or is unreadable, else 0.
+    """Measure again the runs that other code measured, and print how many were, and which were not and why.
 
-    Damaged files of the folder that were replaced are named as set aside.
+    Return 1 if a run could not be measured again or a file is unreadable, else 0. Damaged files that were replaced are
+    named as set aside.
     """
     folder, plugins = arguments.results, load_plugins(arguments.plugin)
     loaded = store.load(folder)
@@ -26,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     outdated = find_outdated(records, plugins)
 
     def solve(request: Request) -> None:
-        """Run a suite as ``replace_outdated`` requests it, with progress."""
+        """Run the suite that ``replace_outdated`` requests, with progress."""
         run_watched(request, quiet=arguments.json, resumable=False, announces=False)
 
     seconds = sum(r.cpu_process_s for r in outdated if r.cpu_process_s > 0.0)

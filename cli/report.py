@@ -26,7 +26,10 @@ class NotJudgedError(Exception):
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the report of one results folder, or the comparison of two; print its path and return 0."""
+    """Write the report of one results folder, with --judge judged meanwhile, or the comparison of two; print its path.
+
+    Return 0, or if the results could not be judged the exit code of ``judge``.
+    """
     if len(arguments.results) > 2:
         raise UsageError(f"report takes one results folder, or two to compare (got {len(arguments.results)})")
     folders = [find_results(name) for name in arguments.results]
@@ -49,9 +52,9 @@ def run(arguments: argparse.Namespace) -> int:
                 from .judge import refuse_other_code  # here: a report alone does not judge
 
                 refuse_other_code(folders[0], [run.record for run in results.runs])  # before pages are removed
-            judging = _judge_beside(folders[0]) if arguments.judge else lambda: None
+            await_judgement = _start_judging(folders[0]) if arguments.judge else lambda: None
             try:
-                index = write_site(results, ConfinedPath(folders[0]) / "report", judging)
+                index = write_site(results, ConfinedPath(folders[0]) / "report", await_judgement)
             except NotJudgedError as error:  # the reason has been printed
                 return error.code
             if results.to_come:
@@ -70,16 +73,16 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _judge_beside(folder: Path) -> Callable[[], None]:
-    """Begin ``judge --partial`` in a forked process; return the function that waits for its end.
+def _start_judging(folder: Path) -> Callable[[], None]:
+    """Start ``judge --partial`` in a forked process; return a function that waits until the process has ended.
 
-    That raises NotJudgedError unless the results were judged, whatever the verdicts.
+    The function raises NotJudgedError unless the results were judged, whatever the verdicts.
     """
-    judging = multiprocessing.get_context("fork").Process(target=_judge, args=(folder,), daemon=True)
+    judging = multiprocessing.get_context("fork").Process(target=_judge_quietly, args=(folder,), daemon=True)
     judging.start()
 
     def wait() -> None:
-        """Wait until the results are judged."""
+        """Wait until the results are judged; raise NotJudgedError for an exit code other than 0 and 1."""
         judging.join()
         if (code := judging.exitcode) not in (0, 1):
             raise NotJudgedError(2 if code is None or code < 0 else code)
@@ -87,8 +90,8 @@ def _judge_beside(folder: Path) -> Callable[[], None]:
     return wait
 
 
-def _judge(folder: Path) -> None:
-    """Judge the results, with what is printed of the verdicts left out, and exit with the code of the command."""
+def _judge_quietly(folder: Path) -> None:
+    """Run ``judge --partial`` without its standard output, and exit with its code, or ``FAILED`` for an exception."""
     from .__main__ import main
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -16,7 +16,7 @@ from ..harness.run.runner import Request, begin_local_pool, choose_pool, find_la
 from ..harness.run.started_runs import WHY as FOREIGN
 from .arguments import UsageError, count_jobs, load_plugins
 from .keeping import make_series_choice
-from .progress import run_watched, warn_of_own_bits
+from .progress import run_watched, warn_of_deviating_bits
 from .terminal import list_unreadable, make_console, make_error_console, number, plural, print_json
 
 LISTED = 8  # most solvers listed with keys that they do not take
@@ -34,7 +34,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run_suite(arguments: argparse.Namespace, make_request: Callable[..., Request]) -> int:
-    """Run the suite as ``run`` does, with the executor of jobs that ``make_request`` chooses."""
+    """Run the suite, or with --dry-run list its runs, and return the exit code of ``run``.
+
+    ``make_request`` makes the request to the runner, with the pool of processes or the cluster already chosen.
+    """
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
@@ -64,7 +67,7 @@ def _run_suite(arguments: argparse.Namespace, make_request: Callable[..., Reques
     if arguments.dry_run:
         return _print_plan(request, as_json=arguments.json)
     if arguments.cluster is None:
-        warn_of_own_bits()
+        warn_of_deviating_bits()
     if arguments.only is not None and not arguments.json:
         make_error_console().print(_describe_suite(request, is_local=arguments.cluster is None))
     is_local = arguments.cluster is None
@@ -144,7 +147,10 @@ def _time_in_turns(folder: Path, records: Sequence[RunRecord], turns: int, plugi
 
 
 def describe_not_combined(rest: Sequence[str]) -> str:
-    """Return a line on the solvers that do not take a key of their suite's group, as the entries of ``rest`` say."""
+    """Return a line that lists the first ``LISTED`` entries of ``rest`` and counts the others.
+
+    An entry names a solver and a key of its group in the suite that the solver does not take.
+    """
     more = f", and {len(rest) - LISTED} more" if rest[LISTED:] else ""
     return f"not combined: {', '.join(rest[:LISTED])}{more}"
 

@@ -80,7 +80,10 @@ ERRORS: dict[str, Callable[[RunRecord], float]] = {  # as in the reports
 
 
 def _list_columns() -> dict[str, Column]:
-    """Return the columns of the table with numbers: those that declare to be in it, and errors as reports show them."""
+    """Return the columns with numbers of the table by name, in order of their places.
+
+    They are the record's columns that are declared for the table, and errors as reports show them.
+    """
     own = {k: (d.order, Column(d.tables["show"] or k, d.rank)) for k, d in DECLARED.items() if "show" in d.tables}
     found = sorted((DERIVED | own).items(), key=lambda item: item[1][0])
     return {name: column for name, (_, column) in found}
@@ -90,7 +93,7 @@ SHOWN = _list_columns()
 
 
 def show_run(folder: Path, record: RunRecord, command: str) -> None:
-    """Print a run in detail, with the ``command`` that repeats it."""
+    """Print a run in detail: status, reasons, settings, series, numbers, standard error, ``command`` to repeat it."""
     out = make_table_console()
     ending = describe_ending(record)
     out.print(Text(record.case, "bold"))
@@ -129,7 +132,7 @@ def print_steps(folder: Path, record: RunRecord, plugins: tuple[str, ...]) -> No
     with provide_full_series(folder, lacking, 1, plugins, lossless=False) as again:
         series = again.get(record.run_id, series)
     rows = len(series["t"])
-    if rows <= record.steps:
+    if rows <= record.steps:  # a complete series has the start, too
         raise FileError(f"{name_run(record)} has {record.steps} steps: more than the {rows} rows of a series file")
     names = [k for k, a in series.arrays.items() if a.shape == (rows,) and not k.startswith((*POSES, *OTHER))]
     out = csv.writer(sys.stdout, lineterminator="\n")
@@ -201,7 +204,10 @@ def _print_heading(out: Console, words: str) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the results; return 1 if a file could not be read, else 0."""
+    """Print the runs as a table or as JSON, one run in detail, or with --steps its steps as CSV.
+
+    Return 1 if a file could not be read, else 0.
+    """
     folder = arguments.results
     loaded = store.load(folder, check_series=arguments.json)
     plugins = [p for p in read_environment(folder).get("plugins", []) if isinstance(p, str)]
@@ -226,7 +232,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
-    """Return the filtered, sorted and limited runs; raise UsageError if a filter matches no run."""
+    """Return the run that is named, or all runs filtered, sorted and limited as the options say.
+
+    Runs are sorted by magnitude, the largest first and unknown numbers last. Raise UsageError for an unknown run or
+    column, and for a word of a filter that matches no run.
+    """
     if arguments.run_name is not None:
         return [find_run(found, arguments.run_name, arguments.results)]
     chosen = list(found)
@@ -243,8 +253,8 @@ def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> l
         key, numeric = find_sort_column(arguments.sort), list_sort_columns()
         if key not in numeric and key not in ERRORS:
             raise UsageError(f"--sort: unknown column {key!r}{suggest_name(key, [*SORTS, *numeric])}")
-        size = {r.run_id: abs(_read_column(r, key)) for r in chosen}
-        chosen.sort(key=lambda r: math.inf if math.isnan(size[r.run_id]) else -size[r.run_id])
+        magnitude = {r.run_id: abs(_read_column(r, key)) for r in chosen}
+        chosen.sort(key=lambda r: math.inf if math.isnan(magnitude[r.run_id]) else -magnitude[r.run_id])
     return chosen[: arguments.limit]
 
 
@@ -254,7 +264,11 @@ def list_sort_columns() -> list[str]:
 
 
 def find_sort_column(given: str) -> str:
-    """Return the column that is meant: ``given`` is its name, its key in tables, or a word of ``SORTS``."""
+    """Return the name of the column to sort by; ``given`` is that name, its key in tables, or a word of ``SORTS``.
+
+    An unknown word is returned as it is.
+    """
+    # reversed: of several columns with the same key the first counts
     keys = {find_key(name, DECLARED[name]): name for name in reversed(list_sort_columns()) if DECLARED[name].head}
     return SORTS.get(given) or (given if given in (*list_sort_columns(), *ERRORS) else keys.get(given, given))
 
@@ -276,8 +290,8 @@ def find_run(found: Sequence[RunRecord], given: str, folder: Path) -> RunRecord:
 def _suggest_runs(found: Sequence[RunRecord], given: str, folder: Path) -> str:
     """Return a hint for the end of a message that ``folder`` has no run ``given``.
 
-    For a run_id it names another results folder that has the run, else some runs of ``folder``; for a case, the most
-    similar one.
+    For a run_id, the hint names a results folder beside this one that has the run, else some runs of ``folder``; for a
+    case, the most similar one.
     """
     if not RUN_ID.fullmatch(given):
         return suggest_name(given, [r.case for r in found][:500])[:200]
@@ -305,9 +319,10 @@ def _read_column(r: RunRecord, name: str) -> float:
 
 
 def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str], key: str | None = None) -> None:
-    """Print a row per run with a sparkline of its energy error, then the reasons of runs that are no success.
+    """Print a row per run with its sparkline, a line per run that failed or has a qualified success, and the counts.
 
-    The column ``key`` by which they are sorted is in the table, too.
+    A line on a failed run gives the reasons, one on a success the qualifiers of its status. ``sparks`` are the drawn
+    energy errors over time, one per run; the column ``key`` that the runs are sorted by is added to the table.
     """
     shown = SHOWN if key is None or key in SHOWN or key == "steps" else {**SHOWN, key: Column(key)}
     columns = [
@@ -328,5 +343,5 @@ def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str], key: str | N
     below = [f"{r.run_id[:PREFIX]} {describe_status(r)}: {r.case}: {'; '.join(list_reasons(r))}" for r in failed]
     qualified = [r for r in chosen if r.status == Status.SUCCESS and qualify_status(r)]
     below += [f"{r.run_id[:PREFIX]} {describe_status(r)}: {r.case}" for r in qualified]
-    success = f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success"
-    print_table(columns, rows, *below, f"{success}; `mbsbench show RESULTS RUN` shows one")
+    counts = f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success"
+    print_table(columns, rows, *below, f"{counts}; `mbsbench show RESULTS RUN` shows one")

@@ -30,9 +30,10 @@ from .terminal import make_console, make_error_console
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check the call, run the solver and write the file.
+    """Check the call, run the solver, write the motion to a file and print its measurements.
 
-    Return 0 if the motion reaches its end and keeps all laws, else 1.
+    Return 0 if the motion reaches its end and keeps all laws, else 1. If the folder cannot be written and --out is not
+    given, UsageError is raised only after the run, whose measurements are printed.
     """
     name, parameters, _ = load_problem(arguments)
     given = parse_assignments(arguments.set, "--set")
@@ -56,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.out is not None:
                 raise
             out, unwritable = Path(aside) / "run.npz", f"{error}; give --out RUN.npz to keep the motion"
-        code = _solve(arguments, spec, wall, problem, out, is_kept=not unwritable)
+        code = _solve_problem(arguments, spec, wall, problem, out, is_kept=not unwritable)
     if unwritable:
         raise UsageError(unwritable)
     return code
@@ -68,12 +69,13 @@ def find_unused_path(stem: str) -> Path:
     return next(Path(name) for name in names if not os.path.lexists(name))
 
 
-def _solve(
+def _solve_problem(
     arguments: argparse.Namespace, spec: RunSpec, wall: float | None, problem: Problem, out: Path, *, is_kept: bool
 ) -> int:
-    """Run, write ``out`` and print the numbers; return 0 if the motion keeps all laws, else 1.
+    """Run the solver, write the motion to ``out`` and print its measurements; return 0 if it keeps all laws, else 1.
 
-    ``wall`` is the time limit [s]; ``is_kept`` is False if ``out`` is a temporary file, which no message names.
+    ``wall`` is the time limit [s], None for none; ``is_kept`` is False if ``out`` is a temporary file, which no message
+    names. With --shadow the true motion nearest to it is found and printed, too.
     """
     from ..harness.run import solve_file
     from ..harness.run.progress_line import ProgressLine
@@ -81,7 +83,7 @@ def _solve(
     output, messages, replaced, progress = make_console(), make_error_console(), out.exists(), ProgressLine()
 
     def report(words: str, end: str) -> None:
-        """Print a message of the run: one that ends in a newline stays, any other is replaced by the next."""
+        """Print a message of the run, unless with --json; one whose ``end`` is no newline is replaced by the next."""
         if arguments.json:
             return
         if end == "\n":
@@ -104,7 +106,7 @@ def _solve(
         plain = {**make_json_numbers(record), **more, "out": str(out) if is_kept else None}
         output.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
-    for line in summarize(record):
+    for line in summarize_record(record):
         output.print(line)
     if native and not good:
         output.print(f"standard error     {find_last_message(native)}")
@@ -124,9 +126,9 @@ def find_last_message(native: str) -> str:
 
 
 def make_json_numbers(r: RunRecord) -> dict[str, Any]:
-    """Return the numbers of a record as a dict for JSON: null if missing, ``"inf"`` if unbounded.
+    """Return the summary of a record as a dict for JSON, with all columns of the record under ``record``.
 
-    Those of a summary have names of their own; ``record`` has all columns.
+    A missing number is None, an infinite one the text ``inf`` or ``-inf``.
     """
     from ..harness.results.records import format_record
     from ..harness.run.run_file import SUMMARY
@@ -146,7 +148,7 @@ def _replace_nonfinite(numbers: Mapping[str, Any]) -> dict[str, Any]:
     return {k: None if str(v) == "nan" else str(v) if v in (math.inf, -math.inf) else v for k, v in numbers.items()}
 
 
-def summarize(r: RunRecord) -> list[str]:
+def summarize_record(r: RunRecord) -> list[str]:
     """Return the lines that summarise a record on one screen: status and reasons, drift, errors, CPU time, notes."""
     said = "; ".join(w for w in dict.fromkeys([describe_ending(r), *list_reasons(r)]) if w)
     out = [r.case, f"{'status':<18} {describe_status(r)}" + (f": {said}" if said else "")]

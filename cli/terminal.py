@@ -68,7 +68,10 @@ def print_unreadable(items: Mapping[Path, str], out: Console | None = None) -> N
 
 
 def list_unreadable(what: str, items: Sequence[tuple[str, str]]) -> list[str]:
-    """Return a line per name with its reason, below a line ``what``; beyond ``FEW`` only their number and the first."""
+    """Return a line ``what: name: reason`` for each pair of ``items``, or for more than ``FEW`` of them a single line.
+
+    That states their number and the first pair.
+    """
     if len(items) <= FEW:
         return [f"{what}: {name}: {why}" for name, why in items]
     return [f"{what}: {len(items)} files, the first is {items[0][0]}: {items[0][1]}"]
@@ -86,13 +89,16 @@ class Column:
 
 
 def fit_table(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], width: int) -> Table:
-    """Return a table of at most ``width`` characters: columns of large rank are dropped first, then text folds."""
+    """Return a table that fits into ``width`` characters: columns of large rank are dropped until folding suffices.
+
+    The table is wider only if columns of rank 0, which are never dropped, do not fit when folded.
+    """
     # width of each column without folding
     needs = [max(cell_len(str(entry)) for entry in (c.name, *(row[k] for row in rows))) for k, c in enumerate(columns)]
     kept = list(range(len(columns)))
 
     def least() -> int:
-        """Return the least width of the table with the columns ``kept``, when all that may fold are folded."""
+        """Return the width of the table with the columns ``kept`` [characters], when all that may fold are folded."""
         return sum(min(needs[k], columns[k].least) if columns[k].fold else needs[k] for k in kept) + GAP * len(kept)
 
     while least() > width and any(columns[k].rank for k in kept):

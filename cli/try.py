@@ -25,7 +25,10 @@ NET = 10.0  # wall time at which a stage is ended, in units of the CPU time left
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the stages and print the findings; return 0 if none falls short and no run is left out, else 1."""
+    """Run a file's one solver in stages within --budget, print the findings and write the pages.
+
+    Return 0 if no finding falls short and the budget left out no run, else 1.
+    """
     plugins, names = resolve_entries(arguments.file)
     own = [n for n in names if n in registry.solvers()]
     if len(own) != 1:
@@ -75,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _write_pages(arguments: argparse.Namespace, folder: Path, *tried: Any) -> Iterator[str]:
-    """Write the requested pages and yield lines with their paths; ``tried``: solver, summary, findings, orders."""
+    """Write the requested pages and yield lines with their paths; ``tried`` are solver, summary, findings, orders."""
     if arguments.html:
         from ..reports.trial import write_page
 

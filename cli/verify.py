@@ -14,7 +14,7 @@ from ..harness.run.full_series import rebuild_spec
 from ..harness.run.runner import Request
 from .arguments import UsageError, count_jobs, load_plugins
 from .diff import show_comparison
-from .progress import run_watched, warn_of_own_bits
+from .progress import run_watched, warn_of_deviating_bits
 from .terminal import make_console, print_unreadable
 
 
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"{folder} has no run that can be repeated (none at all, or all stopped by a limit)")
     sample = random.Random(arguments.seed).sample(able, min(arguments.sample, len(able)))
     suite = Suite("verify", "a sample of finished runs", tuple(map(rebuild_spec, sample)), "", plugins)
-    warn_of_own_bits()
+    warn_of_deviating_bits()
     with tempfile.TemporaryDirectory() as place:
         request = Request(suite, Path(place) / "run", count_jobs(arguments.jobs))
         again, _ = run_watched(request, quiet=arguments.json, resumable=False)

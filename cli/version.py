@@ -20,7 +20,10 @@ VERBOSE = "--verbose"
 
 
 def describe_version(options: Sequence[str]) -> str:
-    """Return the lines to print; ``options`` may hold --verbose, which adds the paths of caches and results."""
+    """Return lines on versions, commit, machine and arithmetic.
+
+    ``options`` may hold --verbose, which adds the paths of caches and results; any other raises UsageError.
+    """
     if unknown := [word for word in options if word != VERBOSE]:
         raise UsageError(f"--version takes {VERBOSE} alone (got {unknown[0]!r})")
     commit = environment.read_commit()
@@ -45,7 +48,7 @@ def describe_version(options: Sequence[str]) -> str:
 
 
 def _list_versions(names: Sequence[str]) -> str:
-    """Return the installed ones of the packages ``names`` with their versions: ``numpy 2.1.0, scipy 1.14.1``."""
+    """Return those of the packages ``names`` that are installed, with versions: ``numpy 2.1.0, scipy 1.14.1``."""
     found = []
     for name in names:
         try:

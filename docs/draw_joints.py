@@ -16,7 +16,7 @@ from mbsbench import Joint, RigidBody, State, assemble, constraint_jacobian
 from mbsbench.harness.mechanics.declaring import Count, JointDeclaration
 from mbsbench.harness.mechanics.forces import DECLARED as FORCES
 from mbsbench.harness.mechanics.joints import DECLARED
-from mbsbench.harness.mechanics.joints.frames import axis_alone
+from mbsbench.harness.mechanics.joints.frames import make_axis_frame
 
 SIZE = 120  # [px]
 VIEW = np.array([[0.80, -0.80, 0.0], [0.42, 0.42, -0.95]]) * 0.36 * SIZE  # of x, y, z; the picture's y is downwards
@@ -37,7 +37,7 @@ def find_free_motions(kind: JointDeclaration) -> np.ndarray:
         s_j=-z if kind.length else o,
         kind=kind.name,
         length=1.0 if kind.length else 0.0,
-        axis_i=(x if kind.frame is axis_alone else z) if "i" in kind.axes else None,
+        axis_i=(x if kind.frame is make_axis_frame else z) if "i" in kind.axes else None,
         axis_j=z if "j" in kind.axes else None,
         across_i=x if kind.across else None,
         across_j=x if kind.across else None,
@@ -90,7 +90,7 @@ def describe_given(kind: JointDeclaration) -> str:
     """Describe what a user specifies for a joint of this kind."""
     points = "" if kind.count == Count(axis=kind.count.axis) else "points"
     axes = {"": "", "i": f"`axis_i`, {kind.note}", "j": "`axis_j`", "ij": "the axis in both bodies"}[kind.axes]
-    if kind.axes == "ij" and kind.frame is axis_alone:
+    if kind.axes == "ij" and kind.frame is make_axis_frame:
         axes = "`axis_i`, `axis_j`, normal to each other"
     across = "`across_i`, `across_j`" if kind.across else ""
     length = f"`length`, {kind.length}" if kind.length else ""

@@ -21,7 +21,7 @@ from mbsbench import solve
 from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.columns.digests import ColumnDigests
-from mbsbench.harness.judge.referee.carried import list_equal
+from mbsbench.harness.judge.referee.carried import list_equal_generations
 from mbsbench.harness.mechanics.types import ALLOWED, Law
 from mbsbench.harness.results.column_digests import add_column_digests, read_stored_digests
 from mbsbench.harness.results.records import RunRecord
@@ -36,7 +36,7 @@ from mbsbench.reports.model.results import StoredResults, read_results
 from mbsbench.reports.model.variants import find_plain_label
 from mbsbench.reports.model.words import join_words, number, seconds
 from mbsbench.reports.pages.runs.overview import ENGINES, list_false_successes
-from mbsbench.reports.plots.paper import save
+from mbsbench.reports.plots.paper import save_figure
 from mbsbench.reports.plots.spec import choose_styles
 from mbsbench.reports.publication import list_figures
 
@@ -90,7 +90,7 @@ def list_present_digests() -> list[tuple[str, str]]:
             digest_codes(g.digest_run_code(s.problem, s.solver) for s in specs),
             digest_drawn(g.measured) if g.running else "",
         )
-        for g in list_equal()
+        for g in list_equal_generations()
     ]
 
 
@@ -109,7 +109,7 @@ def draw_results(folder: Path, out: Path) -> None:
     if variant is None:
         raise SystemExit(f"error: {folder} holds no runs of the chain: make engines bench")
     draw = next(draw for name, _, _, draw in list_figures(results, variant) if name == ENERGY)
-    (path,) = save(draw, ConfinedPath(out), PROBLEM, ("svg",))
+    (path,) = save_figure(draw, ConfinedPath(out), PROBLEM, ("svg",))
     code = describe_code(results)
     for place, text in ((path, path.read_text(encoding="utf-8")), (out / f"{COSTS}.svg", draw_costs(results))):
         place.write_text(f"{text}{code}\n", encoding="utf-8")

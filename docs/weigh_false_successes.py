@@ -14,7 +14,7 @@ from mbsbench.cli.progress import run_watched
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue.suites.suite import Suite
 from mbsbench.harness.judge.referee import judge as judging
-from mbsbench.harness.judge.referee.weighing import list_deciding, weigh_published
+from mbsbench.harness.judge.referee.weighing import list_deciding_runs, weigh_published
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.files import PUBLISHED, SYMMETRIES, WRONG, format_judgement, read_judgement
 from mbsbench.harness.results.provisional import select_latest
@@ -29,7 +29,7 @@ def main(words: list[str]) -> int:
     if outdated := judging.describe_outdated(PUBLISHED):
         raise FileError(outdated)
     symmetries, wrong = read_judgement(SYMMETRIES, PUBLISHED), read_judgement(WRONG, PUBLISHED)
-    deciding = list_deciding(symmetries, wrong)
+    deciding = list_deciding_runs(symmetries, wrong)
     specs = tuple(s for s in judging.list_published_runs() if s.settings_id in deciding)
     folder = Path(words[0]) if words else find_last_folder(NAME) or name_new_folder(NAME)
     request = Request(Suite(NAME, DESCRIPTION, specs, ""), folder, os.cpu_count() or 1, resume=True)

@@ -37,26 +37,29 @@ def andrews(
     beta: Annotated[float, Parameter("angle of the crank at the start", "rad", at_least=-0.3, at_most=0.3)] = -0.0620,
     drive: Annotated[float, Parameter("constant torque on the crank", "N m")] = 0.033,
 ) -> Problem:
-    """Model IFToMM A03: seven bodies in a plane with one degree of freedom, driven to 1140 rad/s within 0.05 s."""
+    """Model IFToMM A03: seven bodies in a plane with one degree of freedom, driven to 1140 rad/s within 0.05 s.
 
-    def with_crank(x: np.ndarray) -> np.ndarray:
-        """Return all seven angles [rad] from the six others than beta."""
+    The start is at rest; its angles other than beta close the loops.
+    """
+
+    def prepend_crank(x: np.ndarray) -> np.ndarray:
+        """Return all seven angles [rad] of the test set: beta, and the six others ``x``."""
         return np.append(beta, x)
 
     def gaps(x: np.ndarray) -> np.ndarray:
-        """Return the gaps of the loops [m] for the six angles other than beta."""
-        return _gaps(with_crank(x))
+        """Return the gaps of the loops (6,) [m] for the six angles ``x`` [rad] other than beta."""
+        return _measure_gaps(prepend_crank(x))
 
-    q = with_crank(root(gaps, CLOSED, tol=1e-13).x)
-    angle, centre, points = _poses(q)
+    q = prepend_crank(root(gaps, CLOSED, tol=1e-13).x)
+    angle, centre, points = _find_poses(q)
     R = make_bar_frames(angle)
 
     def body_coordinates(body: int, point: Float[np.ndarray, " 2"]) -> np.ndarray:
-        """Return a point of the plane from the body's C, in its frame [m]."""
+        """Return the position of a ``point`` (X, Y) [m] relative to C of a body, in the body's frame [m]."""
         return R[body].T @ np.append(point - centre[body], 0.0)
 
     def hinge(name: str, i: int, j: int = GROUND) -> Joint:
-        """Return the hinge at a named point of the mechanism."""
+        """Return the hinge between bodies ``i`` and ``j`` at the point of the mechanism with this name."""
         at = points[name]
         other = np.append(at, 0.0) if j == GROUND else body_coordinates(j, at)
         return Joint(i, body_coordinates(i, at), j, other, AXIS, OZ if j == GROUND else AXIS, name)
@@ -87,7 +90,7 @@ def andrews(
         section="",
         source="IFToMM library of computational benchmarks, A03; IVP test set II-9",
         observables=(
-            Observable("beta", r"\beta", "rad", _crank),
+            Observable("beta", r"\beta", "rad", _measure_crank_angle),
             Observable("F_x", "X_F", "m", lambda s: point_position(s, 0, F)[:, 0]),
             Observable("F_y", "Y_F", "m", lambda s: point_position(s, 0, F)[:, 1]),
         ),
@@ -95,12 +98,12 @@ def andrews(
     )
 
 
-def _crank(s: States) -> Float[np.ndarray, " nt"]:
+def _measure_crank_angle(s: States) -> Float[np.ndarray, " nt"]:
     """Return the angle of OF to OX [rad], continuous in time."""
     return np.unwrap(np.arctan2(s.R[:, 0, 1, 0], s.R[:, 0, 0, 0]))
 
 
-def _poses(q: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+def _find_poses(q: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Return the bodies' angles (7,) [rad] and centres (7, 2) [m], and the mechanism's points by name.
 
     ``q`` are the test set's angles (beta, Theta, gamma, phi, delta, Omega, eps) [rad].
@@ -132,13 +135,16 @@ def _poses(q: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]
     return angle, centre, {"O": O, "A": A, "B": B, "D": D, "E": E, "F": F, "G": G, "H": H}
 
 
-def _gaps(q: np.ndarray) -> np.ndarray:
-    """Return the gaps of three loops (6,) [m]: the point E by the three other paths less E on the body BDE."""
+def _measure_gaps(q: np.ndarray) -> np.ndarray:
+    """Return the gaps of three loops (6,) [m]: E computed along each of the three other paths, less E on the body BDE.
+
+    ``q`` are the test set's seven angles [rad], as in ``_find_poses``.
+    """
     beta, Theta, _, phi, delta, Omega, eps = q
-    p = _poses(q)[2]
-    ways = (
+    p = _find_poses(q)[2]
+    paths = (
         p["F"] - D_ * np.array([np.cos(beta + Theta), np.sin(beta + Theta)]),
         p["G"] + E_ * np.array([np.sin(phi + delta), -np.cos(phi + delta)]),
         p["H"] + ZF * np.array([np.cos(Omega + eps), np.sin(Omega + eps)]),
     )
-    return np.concatenate([way - p["E"] for way in ways])
+    return np.concatenate([path - p["E"] for path in paths])

@@ -33,11 +33,11 @@ def bricard(
     axial_inertia: Annotated[float, Parameter("inertia of a thin bar about its axis", "kg m2", above=0.0)] = THIN,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """Model IFToMM A04: a closed loop of five bars and six hinges, one degree of freedom and one redundant row."""
+    """Model IFToMM A04: a closed loop of five bars and six hinges, with one degree of freedom and one redundant row."""
     thick = section == "square"
     axial = MASS * SIDE**2 / 6.0 if thick else axial_inertia
     across = MASS * (LENGTH**2 + (SIDE**2 if thick else 0.0)) / 12.0
-    R = np.stack([_frame(b - a) for a, b in pairwise(POINTS)])
+    R = np.stack([_make_bar_frame(b - a) for a, b in pairwise(POINTS)])
     bars = [RigidBody(MASS, np.diag([axial, across, across]), f"bar {k + 1}") for k in range(5)]
     near, far = (-0.5 * LENGTH, 0.0, 0.0), (0.5 * LENGTH, 0.0, 0.0)
     joints = [Joint(0, near, GROUND, POINTS[0], R[0].T @ AXES[0], AXES[0], "P0")]
@@ -61,8 +61,11 @@ def bricard(
     )
 
 
-def _frame(along: np.ndarray) -> np.ndarray:
-    """Return R of a bar: body x along ``along``, body z horizontal, far from the singularity of 3-1-3 angles."""
+def _make_bar_frame(along: np.ndarray) -> np.ndarray:
+    """Return R of a bar: body x in the direction ``along`` [space], body z normal to OZ, or OX for a steep bar.
+
+    The attitude is then far from the singularity of 3-1-3 angles.
+    """
     x = along / np.linalg.norm(along)
     z = np.array([1.0, 0.0, 0.0]) if abs(x[2]) > 0.5 else np.cross(x, [0.0, 0.0, 1.0])
     return np.stack((x, np.cross(z, x), z), axis=1)

@@ -28,7 +28,7 @@ def cart_pendulum(
     angle_2: Annotated[float, Parameter("angle of the second bar to OX at the start", "deg")] = 0.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """Swing two bars on a cart: prismatic and revolute joints, chaotic motion in a plane."""
+    """Swing two bars below a cart on a rail, from rest: a chaotic motion in a plane."""
     bodies = [
         RigidBody(cart, 0.01 * np.eye(3), "cart"),
         *(make_slender_bar(MASS, LENGTH, AXIAL, f"bar {k}") for k in (1, 2)),

@@ -78,9 +78,10 @@ def chain(
 
 
 def evaluate_energy_of_mean(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Return T of the mean velocity of each step, (q_m+1 - q_m)/dt under Eq. (66), plus the mean V of its ends [J].
+    """Return the energy [J] of the mean velocity of each step, (q_m+1 - q_m)/dt under Eq. (66), of shape (nt,).
 
-    The paper does not print where Fig. 9a evaluates the energy; this value lies between two nodes. The first is E(0).
+    It is T at that velocity plus the mean of V at both ends of the step; the first value is E(0). The paper does not
+    print where Fig. 9a evaluates the energy, and this lies between two nodes.
     """
     before = States(s.r[:-1], s.R[:-1], 0.5 * (s.v[:-1] + s.v[1:]), 0.5 * (s.Omega[:-1] + s.Omega[1:]))
     V = potential_energy(system, s)
@@ -128,9 +129,10 @@ def make_frames(alpha: Float[np.ndarray, "*nt links"]) -> Float[np.ndarray, "*nt
 
 
 def _certify_motion(link: Linkage, start: State) -> CertifiedMotion | None:
-    """Return the certified planar motion from ``start``; None if the start is not planar or has too many links.
+    """Return the certified planar motion from ``start``; None if the start is not planar or there are too many links.
 
-    A motion that starts in the plane, with velocities in it, stays there: only the start is examined.
+    A motion that starts in the plane, with velocities in it, stays there: only the start is examined. ``link`` is the
+    chain as a linkage of rods.
     """
     planar = find_planar_angles(start, PLANE_XY)
     if planar is None:
@@ -141,13 +143,16 @@ def _certify_motion(link: Linkage, start: State) -> CertifiedMotion | None:
 def _find_states(
     length: float, start: State, alpha: Float[np.ndarray, "nt links"], rate: Float[np.ndarray, "nt links"]
 ) -> States:
-    """Return the states of bars at angles ``alpha`` [rad] and rates ``rate`` [rad/s]; each keeps its initial roll."""
+    """Return the states of bars at angles ``alpha`` to OX [rad] with rates ``rate`` [rad/s].
+
+    Each bar keeps the roll about its axis that it has in the ``start``.
+    """
     c, s, zero = np.cos(alpha), np.sin(alpha), np.zeros_like(alpha)
     bar = length * np.stack((c, s, zero), axis=-1)
     across = length * np.stack((-s * rate, c * rate, zero), axis=-1)
     v = np.cumsum(across, axis=1) - 0.5 * across
     first = np.arctan2(start.R[:, 1, 0], start.R[:, 0, 0])
-    rolled = np.swapaxes(make_frames(first), -1, -2) @ start.R
+    rolled = np.swapaxes(make_frames(first), -1, -2) @ start.R  # roll of each bar about its axis
     R = np.stack((c, zero, s, s, zero, -c, zero, zero + 1.0, zero), axis=-1).reshape(*c.shape, 3, 3) @ rolled
     r = np.cumsum(bar, axis=1) - 0.5 * bar
     return States(r, R, v, rate[..., None] * start.R[:, 2])  # row Z of R is OZ in the body frame

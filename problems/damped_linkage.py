@@ -28,7 +28,7 @@ def damped_linkage(
     damping: Annotated[float, Parameter("damping of both dampers", "N s/m", at_least=0.0)] = 0.5,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """Couple two bars on a revolute and a spherical joint by spring-dampers to the ground and between them."""
+    """Release two bars on a revolute and a spherical joint, with a spring-damper to the ground and one between them."""
     bars = [make_slender_bar(MASS, LENGTH, AXIAL, f"bar {k + 1}") for k in range(2)]
     near, far = (-0.5 * LENGTH, 0.0, 0.0), (0.5 * LENGTH, 0.0, 0.0)
     joints = [Joint(0, near, GROUND, (0.0, 0.0, 0.0), AXIS, OZ, "O"), Joint(1, near, 0, far, name="A")]

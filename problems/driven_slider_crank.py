@@ -34,7 +34,10 @@ def driven_slider_crank(
     wobble_rate: Annotated[float, Parameter("circular frequency of the wobble", "rad/s", at_least=0.0)] = 7.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """Turn the crank as a function of time, with rod and slider: exact kinematics, drive torque by the solver."""
+    """Drive the crank of a slider-crank by a function of time, so that no freedom is left.
+
+    The motion is known from kinematics; the torque of the drive is a reaction that solvers compute.
+    """
     angle = TimeFunction((0.5, rate), wobble, wobble_rate)
     end, half = np.array([0.5 * CRANK, 0.0, 0.0]), np.array([0.5 * ROD, 0.0, 0.0])
     bodies = [
@@ -52,7 +55,7 @@ def driven_slider_crank(
     numbers = angle.numbers()[None]
 
     def motion(t: Float[np.ndarray, " nt"]) -> States:
-        """Return the motion at ``t`` [s], from the crank's angle alone."""
+        """Return the motion at ``t`` [s], by the kinematics of the slider-crank from the angle of the crank."""
         theta, theta_dot, _ = (a[:, 0] for a in evaluate_functions(numbers, t))
         cosine, sine = np.cos(theta), np.sin(theta)
         beta = -np.arcsin(CRANK / ROD * sine)

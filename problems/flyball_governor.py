@@ -37,7 +37,7 @@ def flyball_governor(
     rate: Annotated[float, Parameter("angular velocity of the shaft at the start", "rad/s")] = 2.0 * np.pi,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Model IFToMM A05: a governor with a slider and very stiff spring-dampers, three degrees of freedom."""
+    """Model IFToMM A05: a governor with a slider and very stiff spring-dampers, four degrees of freedom."""
     mass = BAR + point_mass
     out = (0.5 * BAR + point_mass) * LENGTH / mass  # distance of C from the hinge
     across = ACROSS + BAR * (out - 0.5 * LENGTH) ** 2 + point_mass * (LENGTH - out) ** 2

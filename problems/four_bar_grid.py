@@ -52,8 +52,10 @@ def four_bar_grid(
     nb = rows * (2 * columns + 1)
     spread = np.random.default_rng(mass_seed).uniform(-1.0, 1.0, nb)
     masses = mass * (1.0 + mass_spread * spread)
-    bodies = [_bar(m, length, axial_inertia, name) for m, name in zip(masses, _names(rows, columns), strict=True)]
-    system = assemble(bodies, _joints(rows, columns, length), (0.0, 0.0, -gravity))
+    bodies = [
+        _make_bar(m, length, axial_inertia, name) for m, name in zip(masses, _name_bars(rows, columns), strict=True)
+    ]
+    system = assemble(bodies, _make_joints(rows, columns, length), (0.0, 0.0, -gravity))
     turns = np.zeros(rows)
     turns[: 1 if release == "top_row" else rows] = rate
     start = make_grid_states(np.zeros((1, rows)), turns[None], columns, length)[0]
@@ -63,8 +65,8 @@ def four_bar_grid(
         Observable(name, symbol, unit, of)
         for i in range(rows)
         for name, symbol, unit, of in (
-            (f"angle_{i + 1}", rf"\varphi_{{{i + 1}}}", "rad", _angle(i * (2 * columns + 1))),
-            (f"rate_{i + 1}", rf"\dot\varphi_{{{i + 1}}}", "rad/s", _rate(i * (2 * columns + 1))),
+            (f"angle_{i + 1}", rf"\varphi_{{{i + 1}}}", "rad", _make_angle_function(i * (2 * columns + 1))),
+            (f"rate_{i + 1}", rf"\dot\varphi_{{{i + 1}}}", "rad/s", _make_rate_function(i * (2 * columns + 1))),
         )
     ]
     observables += [
@@ -117,20 +119,23 @@ def make_grid_states(
     return States(r.reshape(nt, nb, 3), R.reshape(nt, nb, 3, 3), v.reshape(nt, nb, 3), Omega.reshape(nt, nb, 3))
 
 
-def _bar(mass: float, length: float, axial_inertia: float, name: str) -> RigidBody:
+def _make_bar(mass: float, length: float, axial_inertia: float, name: str) -> RigidBody:
     """Return a slender bar along body x; ``axial_inertia`` is about that axis [kg m2]."""
     transverse = mass * length**2 / 12.0
     return RigidBody(mass, np.diag([axial_inertia, transverse, transverse]), name)
 
 
-def _names(rows: int, columns: int) -> list[str]:
-    """Return names of all bars, in the order of ``make_grid_states``: ``v1,0`` is a vertical, ``h1,0`` a horizontal."""
+def _name_bars(rows: int, columns: int) -> list[str]:
+    """Return the names of all bars in the order of ``make_grid_states``: ``v1,0`` for a vertical, ``h1,0`` across."""
     across = [f"v{{0}},{j}" for j in range(columns + 1)] + [f"h{{0}},{j}" for j in range(columns)]
     return [name.format(i + 1) for i in range(rows) for name in across]
 
 
-def _joints(rows: int, columns: int, length: float) -> list[Joint]:
-    """Return the joints: every bar at a node is hinged to the vertical from above, the top row to the ground."""
+def _make_joints(rows: int, columns: int, length: float) -> list[Joint]:
+    """Return the joints: the top row is hinged to the ground, and at each node all other bars to the vertical above it.
+
+    ``length`` is that of a bar [m].
+    """
     n = 2 * columns + 1
     head, tail = (-0.5 * length, 0.0, 0.0), (0.5 * length, 0.0, 0.0)
     joints = [
@@ -150,12 +155,12 @@ def _joints(rows: int, columns: int, length: float) -> list[Joint]:
     return joints
 
 
-def _angle(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
+def _make_angle_function(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
     """Return the function of states for a vertical bar's angle about OX [rad], continuous in time."""
     return lambda s: np.unwrap(np.arctan2(s.R[:, body, 1, 0], -s.R[:, body, 2, 0]))
 
 
-def _rate(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
+def _make_rate_function(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
     """Return the function of states for a vertical bar's rate about OX [rad/s]."""
     return lambda s: s.Omega[:, body, 2]
 
@@ -163,9 +168,9 @@ def _rate(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
 def _certify_motion(
     system: MultibodySystem, rows: int, columns: int, length: float, gravity: float, start: State
 ) -> CertifiedMotion | None:
-    """Return the certified motion from ``start``, as one rod a row.
+    """Return the certified motion from ``start``, computed as that of one rod per row.
 
-    None if the bars of a row are not parallel, the start leaves the plane, or there are too many rows.
+    Return None if the bars of a row are not parallel, if the start is not planar, or if there are too many rows.
     """
     planar = find_planar_angles(start, PLANE)
     if planar is None:

@@ -19,7 +19,7 @@ from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import MultibodySystem, RigidBody, assemble
 from ..harness.mechanics.types import Invariant, Observable, Problem, ReferenceKind
-from .exact.balls import nearest_rotation, run_in_balls, to_balls
+from .exact.balls import find_nearest_rotation, run_in_balls, to_balls
 from .exact.one_body import find_pinned_motion
 from .exact.pinned_body import FINAL, PinnedBody, PinnedMotion
 from .exact.theta import UNIT
@@ -48,18 +48,21 @@ class ThrownBody:
         return self.about_C.kind
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """Return the motion at ``t`` [s]."""
+        """Return the motion at ``t`` [s]; the parabola is computed in extended precision and rounded."""
         s, t = self.about_C.states(t), np.asarray(t, dtype=np.longdouble)[:, None]
         r, v = self.r0 + self.v0 * t + self.gravity * t**2 / 2, self.v0 + self.gravity * t
         return States(r.astype(float)[:, None], s.R, v.astype(float)[:, None], s.Omega)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return a bound on the position error [m]: that of the attitude, and of C in 64 bits rounded to float64."""
+        """Return a bound on the position error [m] at ``t`` [s]: that of the attitude, and the rounding of C.
+
+        C is computed with 64 bits and rounded to float64.
+        """
         t = np.asarray(t, dtype=float)
-        way = np.linalg.norm(self.r0) + np.linalg.norm(self.v0) * np.abs(t) + np.linalg.norm(self.gravity) * t**2
+        size = np.linalg.norm(self.r0) + np.linalg.norm(self.v0) * np.abs(t) + np.linalg.norm(self.gravity) * t**2
         r = self.r0 + self.v0 * t[:, None] + 0.5 * self.gravity * t[:, None] ** 2
         rounding = FINAL * np.maximum.accumulate(np.linalg.norm(r, axis=1))  # the bound does not decrease
-        return self.about_C.error(t) + rounding + 8.0 * UNIT * way
+        return self.about_C.error(t) + rounding + 8.0 * UNIT * size
 
 
 @problem("free_body")
@@ -87,21 +90,24 @@ def free_body(
         source="chosen; Euler's top: Whittaker, Analytical Dynamics, sect. 69",
         observables=(
             Observable("C_z", "Z_C", "m", lambda s: s.r[:, 0, 2]),
-            *(Observable(f"Omega_{a}", rf"\Omega_{a}", "rad/s", partial(_rate, k)) for k, a in enumerate("xyz")),
+            *(
+                Observable(f"Omega_{a}", rf"\Omega_{a}", "rad/s", partial(_measure_rate, k))
+                for k, a in enumerate("xyz")
+            ),
         ),
         invariants=tuple(
-            Invariant(f"L_{a}_about_C", "kg m2/s", partial(_spin, system, k)) for k, a in enumerate("XYZ")
+            Invariant(f"L_{a}_about_C", "kg m2/s", partial(_measure_spin, system, k)) for k, a in enumerate("XYZ")
         ),
         reference_from=partial(_find_exact_motion, system),
     )
 
 
-def _rate(k: int, s: States) -> Float[np.ndarray, " nt"]:
+def _measure_rate(k: int, s: States) -> Float[np.ndarray, " nt"]:
     """Return component k of Omega, body frame [rad/s]."""
     return s.Omega[:, 0, k]
 
 
-def _spin(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"]:
+def _measure_spin(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"]:
     """Return component k of the angular momentum about C, space frame [kg m2/s]."""
     at_C = States(np.zeros_like(s.r), s.R, np.zeros_like(s.v), s.Omega)
     return angular_momentum(system, at_C)[:, k]
@@ -109,8 +115,8 @@ def _spin(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"
 
 @run_in_balls
 def _find_exact_motion(system: MultibodySystem, start: State) -> ThrownBody | None:
-    """Return the exact motion from ``start``; None where Euler's top has no formula here (the separatrix)."""
+    """Return the exact motion from ``start``; None on the separatrix of Euler's top, which has no formula here."""
     inertia, nowhere = system.inertia[0], np.zeros(3)
     body = PinnedBody(float(system.mass[0]), inertia, inertia, nowhere, nowhere, nowhere)
-    about_C = find_pinned_motion(body, nearest_rotation(start.R[0]), to_balls(start.Omega[0]))
+    about_C = find_pinned_motion(body, find_nearest_rotation(start.R[0]), to_balls(start.Omega[0]))
     return None if about_C is None else ThrownBody(about_C, start.r[0], start.v[0], system.gravity)

@@ -33,7 +33,10 @@ def heavy_top(
     spin: Annotated[float, Parameter("initial Omega_z", "rad/s")] = 50.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Release a Lagrange top at theta0 with spin about its axis; it nutates between 20 and 138.93 deg."""
+    """Release a Lagrange top at theta0 with spin about its axis; by default it nutates between 20 and 138.93 deg.
+
+    Raise ValueError if the inertia about O is too small for the mass and length.
+    """
     about_C = inertia_transverse - mass * length**2
     if about_C <= 0.0:
         raise ValueError(
@@ -56,9 +59,9 @@ def heavy_top(
         section="Sect. 5.4",
         source="Sect. 5.4",
         observables=(
-            Observable("theta", r"\theta", "deg", _nutation),
-            Observable("phi_dot", r"\dot\varphi", "rad/s", _precession_rate),
-            Observable("psi_dot", r"\dot\psi", "rad/s", _spin_rate),
+            Observable("theta", r"\theta", "deg", _measure_nutation),
+            Observable("phi_dot", r"\dot\varphi", "rad/s", _measure_precession_rate),
+            Observable("psi_dot", r"\dot\psi", "rad/s", _measure_spin_rate),
             Observable("C_x", "X_C", "m", lambda s: s.r[:, 0, 0]),
             Observable("C_y", "Y_C", "m", lambda s: s.r[:, 0, 1]),
             Observable("C_z", "Z_C", "m", lambda s: s.r[:, 0, 2]),
@@ -71,18 +74,18 @@ def heavy_top(
     )
 
 
-def _nutation(s: States) -> Float[np.ndarray, " nt"]:
-    """Return the angle of the axis to OZ [deg]."""
+def _measure_nutation(s: States) -> Float[np.ndarray, " nt"]:
+    """Return the nutation angle theta [deg] of the top, that of its axis to OZ."""
     axis = s.R[:, 0, :, 2]
     return np.rad2deg(np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2]))
 
 
-def _spin_rate(s: States) -> Float[np.ndarray, " nt"]:
+def _measure_spin_rate(s: States) -> Float[np.ndarray, " nt"]:
     """Return the spin rate psi_dot = Omega_z - phi_dot cos(theta) [rad/s]; NaN with the axis upright."""
-    return s.Omega[:, 0, 2] - _precession_rate(s) * s.R[:, 0, 2, 2]
+    return s.Omega[:, 0, 2] - _measure_precession_rate(s) * s.R[:, 0, 2, 2]
 
 
-def _precession_rate(s: States) -> Float[np.ndarray, " nt"]:
+def _measure_precession_rate(s: States) -> Float[np.ndarray, " nt"]:
     """Return phi_dot = (Omega_x k_x + Omega_y k_y)/(k_x^2 + k_y^2) [rad/s], k = OZ in the body; NaN if upright."""
     k, Omega = s.R[:, 0, 2], s.Omega[:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -36,7 +36,7 @@ def knife_edge(
     rate: Annotated[float, Parameter("about the normal of the plane", "rad/s", above=0.0)] = 2.0,
     speed: Annotated[float, Parameter("speed along the blade at the start", "m/s")] = 0.5,
 ) -> Problem:
-    """Return a plate on a blade that turns uniformly and drifts across the slope of a plane."""
+    """Release a plate on a blade, which turns uniformly and drifts across the slope of a plane."""
     down, w = float(GRAVITY * np.sin(np.deg2rad(slope))), rate
     joints = [
         Joint(0, (0, 0, 0), axis_j=(0, 0, 1), name="plane", kind="point on plane"),

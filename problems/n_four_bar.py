@@ -67,7 +67,7 @@ def n_four_bar(
 
 
 def _find_states(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.ndarray, "nt 1"]) -> States:
-    """Return all bars' states from the angle of the uprights to OX [rad] and its rate [rad/s]."""
+    """Return the states of all bars, uprights first, from the uprights' angle to OX [rad] and its rate [rad/s]."""
     k, upright = np.arange(2 * windows + 1), np.arange(2 * windows + 1) <= windows
     up = LENGTH * np.stack((np.cos(angle), np.sin(angle)), axis=-1) * np.where(upright, 0.5, 1.0)[:, None]
     foot = np.where(upright, k, k - windows - 0.5) * LENGTH
@@ -77,10 +77,10 @@ def _find_states(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.
 
 
 def _certify_motion(windows: int, rod: Linkage, start: State) -> CertifiedMotion | None:
-    """Return the certified motion from ``start``, as one rod.
+    """Return the certified motion from ``start``, computed as that of one ``rod`` with the mass of all uprights.
 
-    None if in the start the uprights are not parallel, since it may be on another branch, or bodies or velocities are
-    out of the plane; a motion that starts in it stays there.
+    Return None if at the start the uprights are not parallel, since the motion may be on another branch, or if the
+    start is not planar. A motion that starts in the plane stays there.
     """
     planar = find_planar_angles(start, PLANE_XY)
     if planar is None or any(np.ptp(a[: windows + 1]) > PARALLEL for a in planar):

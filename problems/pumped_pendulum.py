@@ -44,12 +44,12 @@ def pumped_pendulum(
     amplitude: Annotated[float, Parameter("a, of the length", "m", at_least=0.0)] = 0.1,
     tuning: Annotated[float, Parameter("frequency w by that of small swings", "", above=0.0)] = 2.0,
 ) -> Problem:
-    """Drive the length of a ball's rod at twice the frequency of its swings, which grow."""
+    """Drive the length of a pendulum's rod, by default at twice the frequency of its swings, which then grow."""
     length = TimeFunction((LENGTH,), amplitude, tuning * math.sqrt(GRAVITY / LENGTH))
     ball = RigidBody(mass, 0.4 * mass * RADIUS**2 * np.eye(3), "ball")
     rod = Joint(0, (0, 0, 0), name="rod", kind=MovingKind.DRIVEN_DISTANCE, motion=length)
     numbers = length.numbers()[None]
-    start = _ball(numbers, np.array([[math.radians(angle), 0.0, 0.0]]))[0]
+    start = _find_ball_states(numbers, np.array([[math.radians(angle), 0.0, 0.0]]))[0]
     return Problem(
         "pumped_pendulum",
         assemble([ball], [rod], (0.0, -GRAVITY, 0.0)),
@@ -67,8 +67,11 @@ def pumped_pendulum(
     )
 
 
-def _ball(numbers: Float[np.ndarray, "1 7"], y: Float[np.ndarray, "nt 3"]) -> States:
-    """Return the states of the ball from theta [rad], theta' [rad/s] and t [s]; ``numbers`` are those of L(t)."""
+def _find_ball_states(numbers: Float[np.ndarray, "1 7"], y: Float[np.ndarray, "nt 3"]) -> States:
+    """Return the states of the ball from rows ``y`` of theta [rad], theta' [rad/s] and t [s].
+
+    ``numbers`` are the coefficients of the function L(t).
+    """
     theta, rate, t = y.T
     L, L_dot, _ = (a[:, 0] for a in evaluate_functions(numbers, t))
     along, across = np.stack((np.sin(theta), -np.cos(theta)), axis=1), np.stack((np.cos(theta), np.sin(theta)), axis=1)
@@ -80,21 +83,21 @@ def _ball(numbers: Float[np.ndarray, "1 7"], y: Float[np.ndarray, "nt 3"]) -> St
 def _certify_motion(
     numbers: Float[np.ndarray, "1 7"], own: State, theta: float, start: State
 ) -> CertifiedMotion | None:
-    """Return the certified motion from ``own``, the problem's start; None from another start.
+    """Return the certified motion from ``start`` if that is the problem's ``own`` start, else None.
 
-    From another start the ball may turn and leave the plane. ``theta`` [rad] is the angle at ``own``, ``numbers`` are
-    those of L(t).
+    From another start the ball may turn and leave the plane. ``theta`` [rad] is the angle of the rod at the start,
+    ``numbers`` are the coefficients of the function L(t).
     """
     if max(float(np.max(np.abs(getattr(own, n) - getattr(start, n)))) for n in ("r", "R", "v", "Omega")) > SAME:
         return None
 
     def by_angle(y: np.ndarray) -> np.ndarray:
-        """Return the rates of (theta, theta', t): route 1."""
+        """Return the time derivatives of y = (theta, theta', t): route 1."""
         L, L_dot, _ = (float(a[0, 0]) for a in evaluate_functions(numbers, y[2:]))
         return np.array([y[1], -(2.0 * L_dot * y[1] + GRAVITY * np.sin(y[0])) / L, 1.0])
 
     def by_position(z: np.ndarray) -> np.ndarray:
-        """Return the rates of (position, velocity, t): route 2."""
+        """Return the time derivatives of z = (x, y, their rates, t), x and y the position of C: route 2."""
         x, v, g = z[:2], z[2:4], np.array([0.0, -GRAVITY])
         distance, L_ddot = float(np.linalg.norm(x)), float(evaluate_functions(numbers, z[4:])[2][0, 0])
         e = x / distance
@@ -103,9 +106,9 @@ def _certify_motion(
 
     def apart(y: np.ndarray, z: np.ndarray) -> float:
         """Return the distance [m] of the two routes' balls."""
-        return float(np.linalg.norm(_ball(numbers, y[None]).r[0, 0, :2] - z[:2]))
+        return float(np.linalg.norm(_find_ball_states(numbers, y[None]).r[0, 0, :2] - z[:2]))
 
     y0, z0 = np.array([theta, 0.0, 0.0]), np.concatenate((own.r[0, :2], own.v[0, :2], [0.0]))
     pair = Pair(by_angle, vectorize_rate(by_position), y0, z0, apart)
     data = repr(("pumped pendulum", GRAVITY, numbers.tolist()))
-    return CertifiedMotion(certify_orbit(pair, data, SOUGHT, SPAN), partial(_ball, numbers))
+    return CertifiedMotion(certify_orbit(pair, data, SOUGHT, SPAN), partial(_find_ball_states, numbers))

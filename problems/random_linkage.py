@@ -45,7 +45,10 @@ def random_linkage(
     speed: Annotated[float, Parameter("factor on the velocities of the start", "", at_least=0.0)] = 1.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Model a closed loop of hinges in space whose rows are redundant only where the constraints hold."""
+    """Draw a closed loop of hinges in space whose rows are redundant only where the constraints hold.
+
+    Equal seeds give equal draws, which ``size`` and ``mass`` scale. The velocities of the start are made consistent.
+    """
     random = np.random.default_rng(mechanism_seed)
     points, axes = LOOPS[linkage](random)
     frame = so3.exp(random.standard_normal((1, 3)))[0]
@@ -94,39 +97,39 @@ def random_linkage(
 
 
 def _draw_angles(random: np.random.Generator) -> Float[np.ndarray, " corners"]:
-    """Draw angles of the corners of a quadrilateral or a pentagon, anticlockwise."""
+    """Draw the polar angles [rad] of the four or five corners of a polygon, anticlockwise."""
     n = int(random.integers(4, 6))
     return (np.arange(n) + random.uniform(-0.25, 0.25, n)) * 2.0 * np.pi / n
 
 
-def _planar(random: np.random.Generator) -> Loop:
-    """Draw four or five hinges along Z."""
+def _draw_planar(random: np.random.Generator) -> Loop:
+    """Draw the loop of a planar linkage: four or five hinges along Z."""
     angle = _draw_angles(random)
     out = random.uniform(0.7, 1.3, len(angle))
     points = np.stack((out * np.cos(angle), out * np.sin(angle), random.uniform(-0.2, 0.2, len(angle))), axis=1)
     return points, np.tile(Z, (len(angle), 1))
 
 
-def _spherical(random: np.random.Generator) -> Loop:
-    """Draw four or five hinges through the origin."""
+def _draw_spherical(random: np.random.Generator) -> Loop:
+    """Draw the loop of a spherical linkage: four or five hinges whose axes meet at the origin."""
     angle = _draw_angles(random)
     tilt = random.uniform(0.4, 1.1, len(angle))
     axes = np.stack((np.sin(tilt) * np.cos(angle), np.sin(tilt) * np.sin(angle), np.cos(tilt)), axis=1)
     return axes * random.uniform(0.8, 1.2, (len(angle), 1)), axes
 
 
-def _bennett(random: np.random.Generator) -> Loop:
-    """Draw a Bennett linkage: hinges that turn by theta_1, theta_2, -theta_1, -theta_2.
+def _draw_bennett(random: np.random.Generator) -> Loop:
+    """Draw a Bennett linkage of four hinges, turned by theta_1, theta_2, -theta_1, -theta_2 about their axes.
 
-    tan(theta_1 / 2) tan(theta_2 / 2) is a constant of the two twists.
+    The product tan(theta_1 / 2) tan(theta_2 / 2) is a constant that follows from the two twists.
     """
-    one, twist = random.uniform(0.8, 1.2), random.uniform(0.4, 0.9)
+    side_1, twist = random.uniform(0.8, 1.2), random.uniform(0.4, 0.9)
     ratio = random.uniform(0.6, 1.0 / np.sin(twist) * 0.95)
     other = np.arcsin(ratio * np.sin(twist))
     first = random.uniform(0.6, 2.4)
     second = 2.0 * np.arctan(np.sin(0.5 * (other + twist)) / np.sin(0.5 * (other - twist)) / np.tan(0.5 * first))
     points, axes, p, Q = [], [], np.zeros(3), np.eye(3)
-    for side, by, turn in ((one, twist, first), (one * ratio, other, second)) * 2:
+    for side, by, turn in ((side_1, twist, first), (side_1 * ratio, other, second)) * 2:
         points.append(p)
         axes.append(Q[:, 2])
         Q = Q @ so3.exp(np.array([(turn if len(points) < 3 else -turn) * Z]))[0]
@@ -135,10 +138,10 @@ def _bennett(random: np.random.Generator) -> Loop:
     return np.array(points), np.array(axes)
 
 
-def _sarrus(random: np.random.Generator) -> Loop:
-    """Draw a Sarrus linkage: two chains of three parallel hinges, in directions 60 to 120 degrees apart.
+def _draw_sarrus(random: np.random.Generator) -> Loop:
+    """Draw a Sarrus linkage: two chains of three parallel hinges each, in directions 60 to 120 degrees apart.
 
-    Their knees are out of the planes of feet and tops.
+    The middle hinge of each chain, its knee, lies outwards of the plane through the other two.
     """
     apart = random.uniform(np.pi / 3.0, 2.0 * np.pi / 3.0)
     height, points, axes = random.uniform(0.7, 1.1), [], []
@@ -149,11 +152,11 @@ def _sarrus(random: np.random.Generator) -> Loop:
         top = random.uniform(0.2, 0.5) * out + height * Z
         points += [p + random.uniform(-0.2, 0.2) * axis for p in (foot, knee, top)]
         axes += [axis] * 3
-    order = [0, 1, 2, 5, 4, 3]
+    order = [0, 1, 2, 5, 4, 3]  # up the first chain, down the second
     return np.array(points)[order], np.array(axes)[order]
 
 
-def _bricard(random: np.random.Generator) -> Loop:
+def _draw_bricard(random: np.random.Generator) -> Loop:
     """Draw a line-symmetric Bricard linkage: three arbitrary hinges, and these turned by half a turn about OZ."""
     angle = (np.arange(3) + random.uniform(-0.2, 0.2, 3)) * np.pi / 3.0
     points = np.stack((np.cos(angle), np.sin(angle), 0.4 * random.standard_normal(3)), axis=1)
@@ -163,4 +166,10 @@ def _bricard(random: np.random.Generator) -> Loop:
     return np.concatenate((points, points @ half)), np.concatenate((axes, axes @ half))
 
 
-LOOPS = {"planar": _planar, "spherical": _spherical, "bennett": _bennett, "sarrus": _sarrus, "bricard": _bricard}
+LOOPS = {
+    "planar": _draw_planar,
+    "spherical": _draw_spherical,
+    "bennett": _draw_bennett,
+    "sarrus": _draw_sarrus,
+    "bricard": _draw_bricard,
+}

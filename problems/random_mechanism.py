@@ -52,7 +52,10 @@ def random_mechanism(
     damping: Annotated[float, Parameter("damping over stiffness", "s", at_least=0.0)] = 0.02,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Draw a tree of bodies on joints of random kinds, with loops, redundant joints, springs and loads."""
+    """Draw a tree of bodies on joints of random kinds, with loops, redundant joints, springs and loads.
+
+    Equal seeds give equal draws, which ``size`` and ``mass`` scale. The velocities of the start are made consistent.
+    """
     random = np.random.default_rng(mechanism_seed)
     if repeated > bodies:
         raise ValueError(f"repeated must be <= bodies = {bodies} (got {repeated})")
@@ -122,7 +125,7 @@ def random_mechanism(
 
 
 def _place_joint(joint: Joint, size: float, away: Float[np.ndarray, " 3"]) -> Joint:
-    """Return ``joint`` scaled by ``size``; points on the ground move ``away`` from the origin."""
+    """Return ``joint`` with lengths scaled by ``size``, and a point on the ground moved by ``away`` [m]."""
     s_j = size * np.asarray(joint.s_j) + (away if joint.j == GROUND else 0.0)
     return replace(joint, s_i=size * np.asarray(joint.s_i), s_j=s_j, length=size * joint.length)
 
@@ -137,10 +140,10 @@ def draw_body(random: np.random.Generator) -> RigidBody:
 def draw_closed_joint(kind: JointKind, i: int, j: int, poses: Poses, random: np.random.Generator) -> Joint:
     """Draw a joint of this kind between bodies i and j, at a random point, that is closed in these poses.
 
-    ``GROUND``, -1, is the last of the ``poses``. What is drawn is in space: the point [m], a unit axis, and a unit
-    vector ``across`` it. Spherical joints and links have no axis, a point on a line or on a plane has one in j alone, a
-    universal joint and normal axes have one in each body, normal to each other, all others one in common; fixed and
-    prismatic joints also have the direction across.
+    ``poses`` has the ground last, as ``GROUND`` is -1. A point [m], a unit axis, and a unit vector ``across`` it are
+    drawn in space and then expressed in the frames of the bodies. Spherical joints and links have no axis. A point on a
+    line or on a plane has one in j alone. A universal joint and normal axes have one in each body, normal to each
+    other. All others have one axis in common; fixed and prismatic joints have the direction ``across`` as well.
     """
     r, R = poses
     axis = so3.exp(random.standard_normal(3))[0]

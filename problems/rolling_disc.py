@@ -36,7 +36,10 @@ def rolling_disc(
         float, Parameter("lean of the disc from the vertical, inwards", "deg", above=0.0, at_most=80.0)
     ] = 5.0,
 ) -> Problem:
-    """Roll a disc steadily on a circle, with gravity and gyroscopic torque in balance."""
+    """Roll a disc steadily on a circle, with gravity and gyroscopic torque in balance, for one turn.
+
+    Raise ValueError unless the disc is smaller than the circle.
+    """
     if radius >= circle:
         raise ValueError(f"radius must be below circle = {circle:g} m (got {radius:g})")
     rho, beta = radius / circle, np.deg2rad(lean)
@@ -47,7 +50,7 @@ def rolling_disc(
     contact = Joint(0, (0, 0, 0), GROUND, (0, 0, 0), (0, 1, 0), (0, 0, 1), "contact", MovingKind.ROLLING, length=radius)
 
     def motion(t: Float[np.ndarray, " nt"]) -> States:
-        """Return the steady motion at ``t`` [s]."""
+        """Return the steady motion at ``t`` [s], from directions outwards, ahead and up of the circle of contact."""
         c, s, zero, one = np.cos(turn * t), np.sin(turn * t), np.zeros(len(t)), np.ones(len(t))
         out, ahead, up = (np.stack(a, axis=1) for a in ((c, s, zero), (-s, c, zero), (zero, zero, one)))
         axis, rise = cosine * out + sine * up, cosine * up - sine * out

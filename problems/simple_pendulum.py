@@ -40,7 +40,11 @@ def simple_pendulum(
     angle: Annotated[float, Parameter("angle of the rod to OX at the start", "deg")] = 180.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """Model IFToMM A01: a point mass on a rod and a revolute joint, released horizontally."""
+    """Model IFToMM A01: a pendulum equivalent to a point mass on a rod, released from rest, by default horizontally.
+
+    With ``support`` hinge it is a small body on a revolute joint, with link a point mass at a fixed distance from O.
+    Raise ValueError if ``gyration`` exceeds half the length.
+    """
     if gyration > 0.5 * length:
         raise ValueError(f"gyration must be <= length/2 = {0.5 * length:g} m (got {gyration:g})")
     gyration = gyration if support == "hinge" else 0.0
@@ -76,8 +80,8 @@ def simple_pendulum(
 
 
 def _find_planar_motion(system: MultibodySystem, start: State) -> PinnedMotion | None:
-    """Return the motion on a spherical joint from the start without its rounding out of the plane.
+    """Return the exact motion from ``start``; ``system`` has a spherical joint in place of the hinge.
 
-    A hinge does not let the body leave the plane.
+    As a hinge keeps the body in the plane, components of R and Omega out of the plane, which are rounding, are dropped.
     """
     return find_one_body_motion(system, State(start.r, IN_PLANE * start.R, start.v, np.array(AXIS) * start.Omega))

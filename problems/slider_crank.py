@@ -34,7 +34,11 @@ def slider_crank(
     rate: Annotated[float, Parameter("angular velocity of the crank at the start", "rad/s")] = 6.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Couple crank, rod and slider by revolute, spherical, universal and prismatic joints: one degree of freedom."""
+    """Couple crank, rod and slider by joints that leave one degree of freedom, and let the crank turn.
+
+    The spatial variant has a revolute, a spherical, a universal and a prismatic joint, the planar one has three
+    revolute joints and a prismatic one.
+    """
     planar = variant == "planar"
     O = np.zeros(3) if planar else np.array([0.0, 0.1, 0.12])
     axis = Y if planar else X
@@ -65,7 +69,7 @@ def slider_crank(
     return Problem(
         "slider_crank",
         system,
-        _turn_crank(system, State(r, R, rest, rest), TURN.T @ axis, rate),
+        _set_crank_rate(system, State(r, R, rest, rest), TURN.T @ axis, rate),
         t_end=5.0,
         dt=2e-3,
         section="",
@@ -79,10 +83,10 @@ def slider_crank(
     )
 
 
-def _turn_crank(system: MultibodySystem, still: State, axis: np.ndarray, rate: float) -> State:
-    """Return the state in the poses of ``still`` whose crank turns at ``rate`` [rad/s] about ``axis`` (its frame).
+def _set_crank_rate(system: MultibodySystem, still: State, axis: np.ndarray, rate: float) -> State:
+    """Return the state in the poses of ``still`` in which the crank turns at ``rate`` [rad/s] about ``axis``.
 
-    It is unique, as the mechanism has one degree of freedom.
+    ``axis`` is a unit vector in the crank's frame. The state is unique, as the mechanism has one degree of freedom.
     """
     A = constraint_jacobian(system, still).toarray()
     motion = np.linalg.svd(A)[2][-1].reshape(3, 6)  # spans the null space of A

@@ -34,7 +34,7 @@ def spherical_pendulum(
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
     literal_start: Annotated[bool, Parameter("C starts at rest as printed, also where Omega opens the joint")] = False,
 ) -> Problem:
-    """Release a cylinder on a spherical joint horizontally under gravity -Y."""
+    """Release a cylinder on a spherical joint, by default horizontally, under gravity along -Y."""
     axial = 0.5 * mass * radius**2
     transverse = mass * (3.0 * radius**2 + (2.0 * half_length) ** 2) / 12.0
     bar = RigidBody(mass, np.diag([axial, transverse, transverse]), "pendulum")

@@ -29,7 +29,7 @@ def spring_pendulum(
     aside: Annotated[float, Parameter("distance of the start from the vertical, along OX", "m")] = 0.05,
     speed: Annotated[float, Parameter("at the start, along OZ", "m/s")] = 0.03,
 ) -> Problem:
-    """Hang a ball on a spring without joints, in 2:1 resonance of bounce and swing."""
+    """Hang a ball on a spring without joints; by default its bounce and swing are in 2:1 resonance."""
     stiffness = tuning**2 * mass * GRAVITY / HANGING
     rest_length = HANGING * (1.0 - 1.0 / tuning**2)
     ball = RigidBody(mass, 0.4 * mass * RADIUS**2 * np.eye(3), "ball")

@@ -35,9 +35,9 @@ def stewart_platform(
     damping: Annotated[float, Parameter("damping of each leg", "N s/m", at_least=0.0)] = 500.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Load a platform on six legs of two bodies each, on universal, cylindrical and spherical joints, from rest."""
-    base = _ring(BASE, [120.0 * k + e for k in range(3) for e in (-2.5, 2.5)], 0.0)
-    top = _ring(TOP, [60.0 + 120.0 * k + e for k in range(3) for e in (-10.0, 10.0)], HEIGHT)
+    """Load a platform at rest on six legs, each of a tube and a rod on universal, cylindrical and spherical joints."""
+    base = _place_on_circle(BASE, [120.0 * k + e for k in range(3) for e in (-2.5, 2.5)], 0.0)
+    top = _place_on_circle(TOP, [60.0 + 120.0 * k + e for k in range(3) for e in (-10.0, 10.0)], HEIGHT)
     centre = np.array([0.0, 0.0, HEIGHT])
     mass = DENSITY * math.pi * TOP**2 * DISC
     flat = mass * (3.0 * TOP**2 + DISC**2) / 12.0
@@ -47,9 +47,9 @@ def stewart_platform(
     for k in range(6):
         foot, head = base[k], top[ORDER[k] - 1]
         length = float(np.linalg.norm(head - foot))
-        frame = _frame((head - foot) / length)
+        frame = _make_leg_frame((head - foot) / length)
         part, lower, upper = PART * length, 2 * k + 1, 2 * k + 2
-        bodies += [_cylinder(part, OUTER, INNER, f"tube {k + 1}"), _cylinder(part, OUTER, 0.0, f"rod {k + 1}")]
+        bodies += [_make_tube(part, OUTER, INNER, f"tube {k + 1}"), _make_tube(part, OUTER, 0.0, f"rod {k + 1}")]
         r += [foot + 0.5 * part * frame[:, 0], head - 0.5 * part * frame[:, 0]]
         R += [frame, frame]
         near, far = (-0.5 * part, 0.0, 0.0), (0.5 * part, 0.0, 0.0)
@@ -84,21 +84,21 @@ def stewart_platform(
     )
 
 
-def _ring(radius: float, degrees: list[float], height: float) -> Float[np.ndarray, "6 3"]:
-    """Return six points on a horizontal circle about OZ [m], at these angles to OX."""
+def _place_on_circle(radius: float, degrees: list[float], height: float) -> Float[np.ndarray, "6 3"]:
+    """Return six points on a circle about OZ at this height [m], at the angles ``degrees`` [deg] to OX."""
     angle = np.deg2rad(degrees)
     return np.stack((radius * np.cos(angle), radius * np.sin(angle), np.full(6, height)), axis=1)
 
 
-def _frame(along: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return R of a leg in the direction ``along``: body x along it, body z horizontal."""
+def _make_leg_frame(along: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return R of a leg: body x in the unit direction ``along`` [space], body z horizontal."""
     z = np.cross(along, [0.0, 0.0, 1.0])
     z /= np.linalg.norm(z)
     return np.stack((along, np.cross(z, along), z), axis=1)
 
 
-def _cylinder(length: float, outer: float, inner: float, name: str) -> RigidBody:
-    """Return a steel tube along body x with these length and radii [m]."""
+def _make_tube(length: float, outer: float, inner: float, name: str) -> RigidBody:
+    """Return a steel tube along body x with this length, outer and inner radius [m]; a rod for an inner radius of 0."""
     mass = DENSITY * math.pi * (outer**2 - inner**2) * length
     square = outer**2 + inner**2
     across = mass * (3.0 * square + length**2) / 12.0

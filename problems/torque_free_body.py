@@ -32,14 +32,14 @@ def torque_free_body(
     angles: Annotated[Triple, Parameter("initial 3-1-3 angles", "deg")] = (0.0, 90.0, 0.0),
     omega: Annotated[Triple, Parameter("initial Omega, body frame", "rad/s")] = (1.0, 2.0, 3.0),
 ) -> Problem:
-    """Rotate three equal crossed rods freely about their fixed centre."""
+    """Rotate three equal crossed rods freely about their fixed centre; unequal ``inertia_factors`` make Euler's top."""
     inertia = rod_mass * rod_length**2 / 6.0 * np.diag(inertia_factors)
     system = assemble([RigidBody(3.0 * rod_mass, inertia, "rods")], [Joint(0, (0.0, 0.0, 0.0), name="O")])
     R = so3.euler313(*np.deg2rad(angles))
     rest = np.zeros((1, 3))
     start = State(rest, R[None], rest, np.array([omega], dtype=float))
-    rates = [(f"Omega_{a}", rf"\Omega_{a}", partial(_rate, k)) for k, a in enumerate("xyz")]
-    kept = [Invariant(f"L_{a}", "kg m2/s", partial(_momentum, system, k)) for k, a in enumerate("XYZ")]
+    rates = [(f"Omega_{a}", rf"\Omega_{a}", partial(_measure_rate, k)) for k, a in enumerate("xyz")]
+    kept = [Invariant(f"L_{a}", "kg m2/s", partial(_measure_momentum, system, k)) for k, a in enumerate("XYZ")]
     if len(set(inertia_factors)) == 1:
         kept += [Invariant(name, "rad/s", of) for name, _, of in rates]
     return Problem(
@@ -52,24 +52,27 @@ def torque_free_body(
         source="Sect. 5.1",
         observables=(
             *(Observable(name, symbol, "rad/s", of) for name, symbol, of in rates),
-            Observable("axis_error", r"\angle(L, L_0)", "rad", partial(_axis_error, system)),
+            Observable("axis_error", r"\angle(L, L_0)", "rad", partial(_measure_axis_error, system)),
         ),
         invariants=tuple(kept),
         reference_from=partial(find_one_body_motion, system),
     )
 
 
-def _rate(k: int, s: States) -> Float[np.ndarray, " nt"]:
+def _measure_rate(k: int, s: States) -> Float[np.ndarray, " nt"]:
     """Return component k of Omega, body frame [rad/s]."""
     return s.Omega[:, 0, k]
 
 
-def _momentum(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"]:
+def _measure_momentum(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"]:
     """Return component k of the angular momentum about O, space frame [kg m2/s]."""
     return angular_momentum(system, s)[:, k]
 
 
-def _axis_error(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Return the angle [rad] of the angular momentum (the axis for spherical inertia) to that at the start."""
+def _measure_axis_error(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """Return the angle [rad] between the angular momentum and that at the start.
+
+    For spherical inertia the angular momentum is along the axis of rotation.
+    """
     L = angular_momentum(system, s)
     return np.arctan2(np.linalg.norm(np.cross(L[0], L), axis=1), L @ L[0])  # exact to rounding for small angles

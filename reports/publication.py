@@ -22,7 +22,19 @@ from .model.tables import write_tables
 from .plots.convergence import make_convergence_plots
 from .plots.fonts import DEFAULT_FONT, Font
 from .plots.laws import draw_runs, plot_laws
-from .plots.paper import DOUBLE, INK, MUTED, PAPER, SINGLE, draw_plots, find_note_size, save, scale, sheet, strip_math
+from .plots.paper import (
+    DOUBLE,
+    INK,
+    MUTED,
+    PAPER,
+    SINGLE,
+    draw_plots,
+    find_note_size,
+    save_figure,
+    scale,
+    sheet,
+    strip_math,
+)
 from .plots.spec import LineStyle, Plot, Trace, choose_print_styles
 from .plots.work import make_work_plots
 from .rendering import render
@@ -72,8 +84,9 @@ def write_publication(
 ) -> list[Path]:
     """Write the figures and tables of ``mbsbench figures``, and return their paths.
 
-    ``only`` names variants, or problems if there is no variant of that name; empty for all. ``tell`` receives a line
-    per variant. ``names`` renames solvers; ``font`` is that of the letters. Raise ValueError for an unknown name.
+    ``only`` names variants, or problems if there is no variant of that name; empty for all. ``tell`` is called with a
+    line per variant. ``names`` maps solvers to the names they get; ``font`` is that of the letters. Raise ValueError
+    for an unknown name.
     """
     results = read_results(Path(folder), check_series=False)
     results, own = _rename_solvers(results, choose_print_styles(results.solvers), names or {})
@@ -85,27 +98,27 @@ def write_publication(
     variants = [p for p in results.variants if p.title in only or p.problem in {*only} - titles or not only]
     out, captions, files = ConfinedPath(Path(folder)) / FOLDER, list[dict[str, Any]](), list[Path]()
 
-    def keep(printed: Printed, place: ConfinedPath, problem: str = "") -> None:
-        """Write a figure in ``place``, and add its files and its caption, for ``problem``, to those of the command."""
+    def write_figure(printed: Printed, place: ConfinedPath, problem: str = "") -> None:
+        """Write a figure into the folder ``place``; add its paths to ``files`` and its caption to ``captions``."""
         name, caption, width, draw = printed
-        made = save(draw, place, name, SUFFIXES, font)
-        files.extend(made)
+        paths = save_figure(draw, place, name, SUFFIXES, font)
+        files.extend(paths)
         captions.append(
             {
                 "name": name,
                 "caption": caption,
                 "problem": problem,
                 "width_mm": round(width * 25.4, 1),
-                "files": [p.relative_to(out.path).as_posix() for p in made],
+                "files": [p.relative_to(out.path).as_posix() for p in paths],
             }
         )
 
     if picture := make_heat_map(results):
-        keep((OVERVIEW, HEAT, DOUBLE, partial(draw_heat_map, picture)), out)
+        write_figure((OVERVIEW, HEAT, DOUBLE, partial(draw_heat_map, picture)), out)
     for variant in variants:
         files += write_tables([variant], out / variant.slug)
         for printed in list_figures(results, variant, own):
-            keep(printed, out / variant.slug, variant.title)
+            write_figure(printed, out / variant.slug, variant.title)
         maps = [label or "no label" for label, runs in variant.labels().items() if len(runs) > MAP]
         left = f"; too many for lines over time: {', '.join(maps)}" if maps else ""
         tell(f"{variant.title}: {len(variant.runs)} runs{left}")
@@ -122,7 +135,10 @@ def write_publication(
 def _rename_solvers(
     results: StoredResults, own: Mapping[str, LineStyle], names: Mapping[str, str]
 ) -> tuple[StoredResults, Mapping[str, LineStyle]]:
-    """Return the results and line styles with solvers called by ``names``; ValueError for unknown or equal names."""
+    """Return the results and the line styles ``own`` with the solvers renamed as ``names`` says.
+
+    Raise ValueError for an unknown solver, and if two solvers would have the same name.
+    """
     for name in names:
         if name not in results.solvers:
             raise ValueError(f"--name: no solver {name!r} in these results; there are {', '.join(results.solvers)}")
@@ -143,9 +159,10 @@ def describe_table(variant: Variant) -> str:
 def list_figures(
     results: StoredResults, variant: Variant, own: Mapping[str, LineStyle] | None = None
 ) -> Iterator[Printed]:
-    """Yield figures of work and step against error of all runs, then of each label's laws, one by one and together.
+    """Yield a variant's figures: error against work and against step, then the laws over time by label.
 
-    Labels with more than ``MAP`` runs get no figures over time; ``own`` are line styles by solver.
+    The laws of a label are drawn one by one and together, in several figures if it has more than ``MOST`` runs, and not
+    at all if it has more than ``MAP``. ``own`` are line styles by solver.
     """
     own = own or choose_print_styles(results.solvers)
     if len(variant.runs) >= LEAST and (work := make_work_plots(variant)):
@@ -202,7 +219,10 @@ def _caption(title: str, plots: Sequence[Plot]) -> str:
 
 
 def split_runs(runs: Sequence[StoredRun]) -> list[list[StoredRun]]:
-    """Split runs into groups of at most ``MOST``, the lines of one figure, without splitting a solver's runs."""
+    """Split runs into groups of at most ``MOST``, the lines of one figure; a solver's runs stay together.
+
+    A group is larger only if one solver alone has more runs.
+    """
     out: list[list[StoredRun]] = [[]]
     for own in group_by_solver(runs).values():
         if out[-1] and len(out[-1]) + len(own) > MOST:
@@ -227,6 +247,7 @@ def draw_heat_map(heat: HeatMap) -> Figure:
     ax.set(xlim=(0, len(heat.problems)), ylim=(len(heat.rows), 0))
     columns, rows = (np.arange(len(of)) + 0.5 for of in (heat.problems, heat.rows))
     heads = ([strip_math(w) for w in (p.problem.replace("_", " "), p.parameters) if w] for p in heat.problems)
+    # a line break for every 14 characters
     ax.set_xticks(columns, ["\n".join(w.replace(" ", "\n", (len(w) - 1) // 14) for w in words) for words in heads])
     names = ["\n".join(strip_math(k) for k in (row.solver, row.paper_label) if k) for row in heat.rows]
     ax.set_yticks(rows, names, fontsize=find_note_size())

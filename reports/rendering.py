@@ -20,7 +20,10 @@ SORTED = 6  # digits of a number used to sort a table
 
 @cache
 def make_environment() -> Environment:
-    """Return the template environment, made once: text is escaped, functions of reports/model/words.py are known."""
+    """Return the template environment, which is made in the first call only.
+
+    Values are escaped, a missing one is an error, and the functions of reports/model/words.py are known.
+    """
     out = Environment(
         loader=FileSystemLoader(FOLDER / "templates"),
         autoescape=True,

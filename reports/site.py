@@ -21,9 +21,9 @@ def build_report(results_folder: Path) -> Path:
 def write_site(
     results: StoredResults, folder: ConfinedPath, await_judgement: Callable[[], None] = lambda: None
 ) -> Path:
-    """Write all pages of the results into ``folder``; return the path of the first.
+    """Write all pages and tables of the results into ``folder``, in place of an earlier report; return the first page.
 
-    ``await_judgement`` returns when the judgement is written, which another process may do meanwhile.
+    ``await_judgement`` is called before the judgement is read; it returns when another process has written it.
     """
     _clear_folder(folder)
     copy_assets(folder, sorted(path.name for path in ASSETS.iterdir()))
@@ -31,7 +31,7 @@ def write_site(
     write_pages(site, await_judgement)
     site.finish()
     write_tables(results.variants, folder / "tables")
-    site.data(WRITTEN, len(results.runs))  # written last: an open page of an earlier report waits for it
+    site.write_data(WRITTEN, len(results.runs))  # written last: an open page of an earlier report waits for it
     return folder.path / "index.html"
 
 

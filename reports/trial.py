@@ -17,7 +17,7 @@ from .model.tracking import list_tracking_times
 from .pages.judged.orders import find_fit_ends, plot_ladders, put_triangles, sort_by_case
 from .pages.runs.solvers import describe_solver
 from .plots.laws import draw_runs, plot_laws
-from .plots.paper import draw_plots, save
+from .plots.paper import draw_plots, save_figure
 from .plots.spec import LineStyle, Plot, Trace, choose_styles
 from .plots.work import make_work_plots
 from .rendering import write_file
@@ -32,9 +32,9 @@ QUANTITIES = ("position", "orientation", "energy", "reaction")
 def write_page(
     path: Path, folder: Path, solver: str, summary: str, findings: Sequence[Finding], orders: Sequence[Order]
 ) -> None:
-    """Write the certificate card, findings, orders, energy over the long run and work against error to ``path``.
+    """Write the page on a solver's trial: certificate card, findings, orders, energy over the long run, work.
 
-    ``summary`` states how many of the findings are met.
+    ``folder`` holds the results of its runs; ``summary`` states how many of the findings are met.
     """
     results = read_results(folder, check_series=False)
     follow = [f for variant in results.variants for f in list_tracking_times(variant)]
@@ -66,7 +66,7 @@ def _draw_charts(results: StoredResults, orders: Sequence[Order]) -> Iterator[di
 
 
 def _plot_orders(orders: Sequence[Order]) -> list[Plot]:
-    """Plot the ladder of each certified quantity, with the declared order through the finest end of its fit."""
+    """Plot the ladders of ``QUANTITIES``, each with a line of the declared order through the finest end of its fit."""
     plots = []
     for o in sort_by_case([o for o in orders if o.quantity in QUANTITIES]):
         for plot in plot_ladders([o]):
@@ -84,6 +84,6 @@ def draw_chart(caption: str, plots: Sequence[Plot], looks: Mapping[str, LineStyl
     """Draw plots as one image; return its ``caption``, and the ``image`` as a data URL."""
     with tempfile.TemporaryDirectory() as place:
         draw = partial(draw_plots, plots, looks, columns=columns)
-        (file,) = save(draw, ConfinedPath(Path(place)), "chart", ("svg",))
+        (file,) = save_figure(draw, ConfinedPath(Path(place)), "chart", ("svg",))
         image = "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()
         return {"caption": caption, "image": image}

@@ -43,12 +43,12 @@ class AlIndex3(HolonomicMarchedSolver):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: a regularisation with plain steps, rows without phi, and no code of the mechanism where asked for.
+        Causes: a regularisation, which plain steps ignore, rows without phi, or code=mechanism where none can be made.
         """
         return refuse_unused(self, "regularisation") or super().refuses(problem, control)
 
     def _make_method(self, problem: Problem, control: StepControl) -> Method:
-        """Return generalised alpha's method with the parameters of the trapezoidal rule, and with projections."""
+        """Return the method of generalised alpha with the parameters of the trapezoidal rule, and projections."""
         method = make_alpha_method(
             problem, self.tolerance, beta=0.25, gamma=0.5, shift=self.regularisation, projected=True
         )

@@ -34,7 +34,7 @@ class EnergyMomentum(MarchedSolver):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: rows or forces without discrete gradients, and no code of the mechanism where asked for.
+        Causes: rows or forces without discrete gradients, or code=mechanism where none can be made.
         """
         return refuse_without_gradient(problem.system) or super().refuses(problem, control)
 

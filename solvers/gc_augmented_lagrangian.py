@@ -64,16 +64,16 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     @property
     def follows_paper(self) -> bool:
-        """Flag of options that follow Sect. 4.3 of the paper.
+        """True if all options follow Sect. 4.3 of the paper.
 
-        They are the choices of Sect. 4.2, the nested loop, lambda_bar, penalties that grow, no correction of poses, and
+        That is: the choices of Sect. 4.2, the nested loop, lambda_bar, penalties that grow, no correction of poses, and
         no step accepted above the tolerance.
         """
         loop = self.loop == "nested" and self.lambda_bar and self.penalty_growth > 1.0
         return super().follows_paper and loop and self.correct_pose == "never" and self.accept <= self.tolerance
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the options do not fit each other, the problem or the step control, or None."""
+        """Return why the options contradict each other or do not suit the problem or step control, or None."""
         if self.loop != "nested" and (self.lambda_bar or self.penalty_growth > 1.0):
             return "lambda_bar and penalty_growth belong to the nested loop: set loop = nested"
         if self.loop == "nested" and self.code == "mechanism":
@@ -83,7 +83,11 @@ class GcAugmentedLagrangian(GaugeChoices):
         return refuse_unused(self, "soft_penalty", "singular_turn") or self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate with the fixed step ``control.dt`` and return the trajectory, singular passages in ``events``."""
+        """Integrate with the fixed step ``control.dt`` and return the trajectory, with singular passages as ``events``.
+
+        Notes state the rank of the rows, whether poses are corrected, when ``singular_turn`` begins, and the number of
+        passages.
+        """
         began = cpu_seconds()
         with making_code:  # imported now for ``find_passages``, so that its time is set-up
             import scipy.signal  # noqa: F401  for ``find_passages``

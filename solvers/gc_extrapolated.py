@@ -40,7 +40,7 @@ class GcExtrapolated:
         """Return why the problem is refused, or None.
 
         Causes: forces other than gravity, joints other than spherical and revolute ones, a direction that the joints do
-        not have, and no code of the mechanism where asked for.
+        not have, or code=mechanism where none can be made.
         """
         return (
             refuse_system(problem.system)

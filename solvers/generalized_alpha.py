@@ -50,7 +50,7 @@ class GeneralizedAlpha(HolonomicMarchedSolver):
         }
 
     def _make_method(self, problem: Problem, control: StepControl) -> Method:
-        """Return generalised alpha's method with the solver's options."""
+        """Return the method of generalised alpha with the solver's options."""
         return replace(make_alpha_method(problem, self.tolerance, **self._scheme), code=self.code)
 
     def _integrate_plain(self, problem: Problem, control: StepControl) -> Trajectory:

@@ -33,7 +33,7 @@ class HalfExplicit(MarchedSolver):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: a tolerance with plain steps, and no code of the mechanism where asked for.
+        Causes: a tolerance, which plain steps ignore, or code=mechanism where none can be made.
         """
         return refuse_unused(self, "tolerance") or super().refuses(problem, control)
 

@@ -31,7 +31,7 @@ class IdaIndex1(BaumgarteOptions):
     paper_label: ClassVar[str] = "DAE-FI"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: scikit-sundae is missing, or as all symbolic solvers refuse."""
+        """Return why the problem is refused, or None: no scikit-sundae, or a cause common to symbolic solvers."""
         return refuse_if_missing() or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
@@ -39,9 +39,9 @@ class IdaIndex1(BaumgarteOptions):
         layout, notes = choose_layout(problem, self.coordinates)
 
         def begin(layout: Layout, at: Problem) -> InitialValueProblem:
-            """Return the equations and consistent initial values at a state, on the constraint rows of ``layout``."""
+            """Return the equations on the rows of ``layout``, and consistent initial values at the start of ``at``."""
             y, y_dot = self.compute_start(layout, at)
-            form = self.implicit(layout, self.form, self.alpha, self.beta)
+            form = self.make_form(layout, self.form, self.alpha, self.beta)
             return InitialValueProblem(form, y, y_dot, () if self.lambda_in_error_test else (layout.lam,))
 
         return integrate(problem, control, layout, begin, notes, clock)

@@ -39,8 +39,8 @@ class IdaIndex2(ImplicitOptions):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: an alpha without effect, scikit-sundae missing, rows without phi in form ggl, and those of all symbolic
-        solvers.
+        Causes: an alpha without effect, scikit-sundae missing, rows without phi in form ggl, and the causes common to
+        symbolic solvers.
         """
         if self.form == "ggl" and self.alpha != type(self).alpha:
             return f"alpha = {self.alpha:g} acts in form velocity only: form ggl holds phi = 0 itself"
@@ -55,14 +55,14 @@ class IdaIndex2(ImplicitOptions):
             layout = StabilisedLayout(layout.system, layout.chart, layout.kept)
 
         def begin(layout: Layout, at: Problem) -> InitialValueProblem:
-            """Return the equations and consistent initial values at a state, on the constraint rows of ``layout``."""
+            """Return the equations on the rows of ``layout``, and consistent initial values at the start of ``at``."""
             plain = Layout(layout.system, layout.chart, layout.kept)
             y, y_dot = make_consistent(plain, pack_start(plain, at), rate / 2.0, 0.0, at.initial.t)
             multipliers = [layout.lam]
             if isinstance(layout, StabilisedLayout):
                 y, y_dot = (np.concatenate((part, np.zeros(layout.k))) for part in (y, y_dot))
                 multipliers.append(layout.eta)
-            form = self.implicit(layout, "both" if self.form == "ggl" else "velocity", self.alpha, 0.0)
+            form = self.make_form(layout, "both" if self.form == "ggl" else "velocity", self.alpha, 0.0)
             return InitialValueProblem(form, y, y_dot, () if self.lambda_in_error_test else tuple(multipliers))
 
         return integrate(problem, control, layout, begin, notes, clock)

@@ -38,7 +38,7 @@ class IdaIndex3(ImplicitOptions):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: scikit-sundae missing, rows without phi, and those of all symbolic solvers.
+        Causes: scikit-sundae missing, rows without phi, and the causes common to symbolic solvers.
         """
         return refuse_if_missing() or refuse_without_phi(problem.system) or super().refuses(problem, control)
 
@@ -47,12 +47,12 @@ class IdaIndex3(ImplicitOptions):
         layout, notes = choose_layout(problem, self.coordinates)
 
         def begin(layout: Layout, at: Problem) -> InitialValueProblem:
-            """Return the equations and consistent initial values at a state, on the constraint rows of ``layout``."""
+            """Return the equations on the rows of ``layout``, and consistent initial values at the start of ``at``."""
             y, y_dot = make_consistent(layout, pack_start(layout, at), 0.0, 0.0, at.initial.t)
             velocities = () if self.velocities_in_error_test else (layout.u,)
             multipliers = () if self.lambda_in_error_test else (layout.lam,)
             return InitialValueProblem(
-                self.implicit(layout, "position", 0.0, 0.0), y, y_dot, (*velocities, *multipliers)
+                self.make_form(layout, "position", 0.0, 0.0), y, y_dot, (*velocities, *multipliers)
             )
 
         return integrate(problem, control, layout, begin, notes, clock, first_step=self.first_step)

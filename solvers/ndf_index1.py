@@ -68,8 +68,8 @@ class NdfIndex1(BaumgarteOptions):
         pieces = list[tuple[DaeSolver, ImplicitForm]]()
 
         def begin(layout: Layout, at: Problem) -> None:
-            """Begin a new integration from the start of ``at``, on the rows of ``layout``."""
-            form = self.implicit(layout, "se" if self.accelerations == "eliminated" else "fi", self.alpha, self.beta)
+            """Begin a new integration from the initial state of ``at``, on the constraint rows of ``layout``."""
+            form = self.make_form(layout, "se" if self.accelerations == "eliminated" else "fi", self.alpha, self.beta)
             atol = tolerances(control.rtol or 0.0, layout.n, () if self.lambda_in_error_test else (layout.lam,))
             start = (at.initial.t, *self.compute_start(layout, at))
             ndf = self.scheme.set_up_method(form, start, problem.t_end, control, atol, norm, clock, keep_y_dot=keep)
@@ -79,13 +79,13 @@ class NdfIndex1(BaumgarteOptions):
         y = pieces[0][0].y
 
         def advance() -> tuple[float, np.ndarray, np.ndarray]:
-            """Take a step, and return time, unknowns and reactions."""
+            """Take a step; return time [s], unknowns y and the reactions, after a check of the rows in use."""
             t, y, reaction = _take_step(pieces[-1][0], rows.layout)
             rows.update_rows(t, y)
             return t, y, reaction
 
         def count(steps: int) -> dict[str, int]:
-            """Return the counters, summed over all integrations."""
+            """Return the counters, summed over all integrations; ``steps``, those accepted, are counted elsewhere."""
             spent = sum(form.difference_evaluations for _, form in pieces)
             names = ("nfev", "njev", "nlu", "solutions")
             total = {name: sum(getattr(ndf, name) for ndf, _ in pieces) for name in names}
@@ -103,7 +103,7 @@ class NdfIndex1(BaumgarteOptions):
 
 
 def _take_step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
-    """Take one step of scipy_dae's method; return its time [s], y and the reaction on all constraint rows.
+    """Take one step of scipy_dae's method ``ndf``; return time [s], unknowns y and the reaction of all constraint rows.
 
     Raises ``StepFailure`` where the step fails, singular and non-finite matrices included.
     """

@@ -38,7 +38,7 @@ class Rattle(HolonomicMarchedSolver):
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why the problem is refused, or None.
 
-        Causes: options that plain steps do not have, rows without phi, and no code of the mechanism where asked for.
+        Causes: options that plain steps do not have, rows without phi, or code=mechanism where none can be made.
         """
         if self.code == "plain" and (self.composition != "plain" or self.rate):
             return "plain steps are those of order 2 of one size: leave out composition and rate"

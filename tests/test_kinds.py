@@ -59,6 +59,7 @@ SAMPLES = {  # a text that is of the kind, and one that looks like it
 }
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.beyond_core
 def test_every_place_is_listed_and_every_listed_place_is_there():
     faults = list_kinds.list_faults()

@@ -25,6 +25,7 @@ def add_commands(commands: Any) -> None:
 
 
 def _add_referee(commands: Any) -> None:
+    """Add the parser of the command ``referee``."""
     words = (
         "judge the motion in a file (text, Parquet, NPZ, MAT, FMU) that any other code computed; exit code 0: all are "
         "successes, 3: laws hold, but a motion is inaccurate, 1: one is wrong or cut short, 2: a file cannot be judged"

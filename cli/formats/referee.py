@@ -15,7 +15,7 @@ from ...harness.results import store
 from ...harness.results.records import RunRecord
 from ...harness.results.words import describe_status, list_reasons, qualify_status, select_judged_error
 from ..arguments import load_problem
-from ..solve import make_json_numbers, summarize
+from ..solve import make_json_numbers, summarize_record
 from ..terminal import Column, choose_status_style, make_console, number, print_json, print_table
 
 INACCURATE = 3  # exit code
@@ -29,9 +29,10 @@ COLUMNS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Judge each file and print the result; return the code of the worst.
+    """Judge the motion in each file, print the results, and add them to the folder of --into; return an exit code.
 
-    The codes are 2 for a file that cannot be judged, 1 for a broken law, 3 for an inaccurate motion, 0 for a success.
+    The code is 2 if one of several files cannot be judged, else 1 if a motion breaks a law or is cut short, else 3 if
+    one is inaccurate, else 0. A single file that cannot be judged raises FileError.
     """
     name, parameters, _ = load_problem(arguments)
     problem = make_problem(name, parameters)
@@ -57,16 +58,16 @@ def run(arguments: argparse.Namespace) -> int:
         store.write_table(folder, store.load(folder, check_series=False).records)
     if not arguments.json:
         _print_files(paths, judged, folder)
-    codes = {_exit_code(one) for one in judged}
+    codes = {_choose_exit_code(result) for result in judged}
     return next((code for code in (2, 1, INACCURATE) if code in codes), 0)
 
 
-def _exit_code(one: RunRecord | FileError) -> int:
+def _choose_exit_code(result: RunRecord | FileError) -> int:
     """Return the exit code for one file: 0 success, 3 inaccurate, 1 any other status, 2 not judged."""
-    if isinstance(one, FileError):
+    if isinstance(result, FileError):
         return 2
     codes = {Status.SUCCESS: 0, Status.INACCURATE: INACCURATE}
-    return codes.get(Status(one.status), 1)
+    return codes.get(Status(result.status), 1)
 
 
 def _find_folder(name: str) -> Path:
@@ -76,10 +77,13 @@ def _find_folder(name: str) -> Path:
 
 
 def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder: Path | None) -> None:
-    """Print the record of the one file in full, or a row for each of several, with the reasons below."""
+    """Print the record of a single file in full; of several files print a row each, with reasons and notes below.
+
+    ``judged`` has the record of each path, or the error why it could not be judged; ``folder`` is that of --into.
+    """
     below = [] if folder is None else [f"written to         {folder}"]
     if len(judged) == 1 and isinstance(judged[0], RunRecord):
-        for line in summarize(judged[0]) + below:
+        for line in summarize_record(judged[0]) + below:
             make_console().print(line)
         return
     rows = []

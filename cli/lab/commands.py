@@ -26,10 +26,7 @@ TRUTH = "rkmk_dop853"  # its code is compiled once for all starts
 
 
 def add_commands(commands: Any) -> None:
-    """Add the parser of every command of the lab, and ``--shadow`` to ``solve``.
-
-    Each function ``_add_<command>`` below adds the parser of the command of its name.
-    """
+    """Add the parser of every command of the lab, and ``--shadow`` to ``solve``."""
     for add in (_add_ensemble, _add_fuzz, _add_shadow, _add_bundle, _add_submit, _add_ladder):
         add(commands)
     words = "also find the nearest true motion, as the command shadow does"
@@ -44,6 +41,7 @@ def _find_nearest(problem: "Problem", path: Path) -> dict[str, Any]:
 
 
 def _add_ensemble(commands: Any) -> None:
+    """Add the parser of the command ``ensemble``."""
     words = (
         "compare the motions of solvers from many starts with the true ones, as weather forecasts are scored; exit "
         "code 1 where they differ or members are missing"
@@ -66,6 +64,7 @@ def _add_ensemble(commands: Any) -> None:
 
 
 def _add_fuzz(commands: Any) -> None:
+    """Add the parser of the command ``fuzz``."""
     words = (
         "examine solvers on random mechanisms, each in two forms (turned, renumbered, mirrored, a body split, a joint "
         "repeated, other units), against each other and the truth; exit code 1 where a deviation is confirmed"
@@ -93,6 +92,7 @@ def _add_fuzz(commands: Any) -> None:
 
 
 def _add_shadow(commands: Any) -> None:
+    """Add the parser of the command ``shadow``."""
     words = (
         "find the true motion nearest to a computed one, and the modified energy of a fixed step; exit code 1 where "
         "none is found within a tenth of the reach"
@@ -110,6 +110,7 @@ def _add_shadow(commands: Any) -> None:
 
 
 def _add_bundle(commands: Any) -> None:
+    """Add the parser of the command ``bundle``."""
     words = "write results to one file that anybody can check without this package; exit code 1 if a record is damaged"
     p = add_subcommand(commands, "bundle", words, "one object", room=ROOM)
     add_results(p)
@@ -121,6 +122,7 @@ def _add_bundle(commands: Any) -> None:
 
 
 def _add_submit(commands: Any) -> None:
+    """Add the parser of the command ``submit``."""
     words = (
         "run a solver on hidden instances and bundle the results; exit code 1 if nothing is solved or a success false"
     )
@@ -134,6 +136,7 @@ def _add_submit(commands: Any) -> None:
 
 
 def _add_ladder(commands: Any) -> None:
+    """Add the parser of the command ``ladder``."""
     summary = "rank the bundles of submissions in a folder; exit code 1 if one was removed"
     p = add_subcommand(commands, "ladder", summary, "one object an entry, the best first", room=ROOM)
     words = (

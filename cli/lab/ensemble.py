@@ -9,7 +9,7 @@ from rich.text import Text
 from ...harness.catalogue.suites.spec import RunSpec
 from ...harness.catalogue.trial import make_problem
 from ...harness.lab.ensemble.clouds import Cloud, configure_solver, configure_truth, make_ensemble, run_cloud
-from ...harness.lab.ensemble.verdict import ALL_C, NO_DIFFERENCE, CloudComparison, compare_clouds, judge
+from ...harness.lab.ensemble.verdict import ALL_C, NO_DIFFERENCE, CloudComparison, compare_clouds, judge_comparisons
 from ...harness.run.costs import expect_solves
 from ..arguments import UsageError, count_jobs, load_problem, parse_assignments, parse_positive_float
 from ..commands import CONTROL
@@ -38,7 +38,10 @@ COLUMNS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the clouds, print their scores; return 0 if no solver differs from the truth or misses a member, else 1."""
+    """Run the clouds of motions of each solver and of the truth, and print the scores, with --html also as a page.
+
+    Return 0 if no solver differs from the truth or misses a member, else 1.
+    """
     name, parameters, _ = load_problem(arguments)
     problem = make_problem(name, parameters)
     given = parse_assignments(arguments.set, "--set")
@@ -60,11 +63,11 @@ def run(arguments: argparse.Namespace) -> int:
         clouds.append(run_cloud(e, code, range(first, first + n), jobs))
         if len(clouds) == 1 and len(clouds[0].failures) == n:
             raise UsageError(f"no true motion by {code.name}: {clouds[0].failures[0]}; give another --truth")
-        _describe_cloud(clouds[-1])
+        _print_cloud(clouds[-1])
     same, other, *clouds = clouds
     perfect = [replace(c, solver=PERFECT) for c in compare_clouds(e, same, same, other)]
     found = [perfect, *(compare_clouds(e, cloud, same, other) for cloud in clouds)]
-    verdicts = [judge(rows) for rows in found]
+    verdicts = [judge_comparisons(rows) for rows in found]
     _print_scores(found, verdicts, as_json=arguments.json)
     if arguments.html:
         from ...reports.lab.ensemble import write_page
@@ -76,8 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if any(v != NO_DIFFERENCE for v in verdicts[1:]) else 0
 
 
-def _describe_cloud(cloud: Cloud) -> None:
-    """Print the CPU time of a cloud and its failures."""
+def _print_cloud(cloud: Cloud) -> None:
+    """Print the CPU time of a cloud per member, its first ``SHOWN`` failures, and their number if there are more."""
     out, members = make_error_console(), len(cloud.C)
     each = cloud.cpu_s / members
     out.print(f"{cloud.label}: {plural(members, 'member')}, {each:.3g} s of CPU time each")
@@ -88,20 +91,23 @@ def _describe_cloud(cloud: Cloud) -> None:
 
 
 def _print_scores(found: Sequence[list[CloudComparison]], verdicts: Sequence[str], *, as_json: bool) -> None:
-    """Print the comparison of each cloud with the true one by time and quantity, and the verdict on each solver."""
+    """Print the comparison of each cloud with the true one by time and quantity, and the verdict on each solver.
+
+    With ``as_json`` print one object per comparison, without the verdicts. ``found`` has one list per solver.
+    """
     rows = []
     for c in sorted((c for own in found for c in own), key=lambda c: (c.t_s, c.quantity != ALL_C, c.quantity)):
         if as_json:
             plain = asdict(c) | {"ranks": c.ranks and c.ranks._asdict() | {"counts": c.ranks.counts.tolist()}}
             print_json(plain)
-        flat, p = (c.ranks.statistic, c.ranks.p) if c.ranks else (float("nan"), float("nan"))
+        flatness, p_ranks = (c.ranks.statistic, c.ranks.p) if c.ranks else (float("nan"), float("nan"))
         numbers = (
             c.score,
             c.excess,
             c.chance,
             c.p_score,
-            flat,
-            p,
+            flatness,
+            p_ranks,
             c.spread,
             c.error_of_mean,
             c.bias,

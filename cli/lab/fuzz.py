@@ -7,7 +7,7 @@ from pathlib import Path
 from ...harness.catalogue import registry
 from ...harness.lab.fuzz.campaign import choose_settings
 from ...harness.lab.fuzz.cases import NONE, read_case
-from ...harness.lab.fuzz.log import COLUMNS, CONFIRMED, list_left, run_trials
+from ...harness.lab.fuzz.log import COLUMNS, CONFIRMED, list_untried_pairs, run_trials
 from ...harness.lab.fuzz.oracle import FINDINGS, describe_outcome
 from ...harness.lab.fuzz.report import write_findings
 from ...harness.run.costs import describe_command
@@ -18,7 +18,10 @@ from ..terminal import Column, make_console, make_error_console, plural, print_j
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the trials that the folder lacks; count, shrink and write all; return 1 if one is confirmed, else 0."""
+    """Run the trials that the folder lacks, shrink and write the deviations, and print the outcomes by solver.
+
+    With --repeat, examine one stored case instead. Return 1 if a deviation is confirmed, else 0.
+    """
     load_plugins(arguments.plugin)
     for name in arguments.solvers:
         registry.find_entry("solver", name, registry.solvers())
@@ -33,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.out) if arguments.out else name_new_folder("fuzz")
     numbers = range(arguments.first, arguments.first + arguments.mechanisms)
     pairs = [(n, s) for n in numbers for s in ([names[n % len(names)]] if arguments.in_turns else names)]
-    left = list_left(folder, settings, pairs)
+    left = list_untried_pairs(folder, settings, pairs)
     jobs, before = count_jobs(arguments.jobs), len(pairs) - len(left)
     kept = f", {before} already done" if before else ""
     time_needed = f": {describe_command('fuzz', len(left), jobs)}, and what has to be compiled" if left else ""
@@ -47,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     shown = [n for n in COLUMNS if counts["all"][n]]
     print_table(
         [Column("solver", right=False), *map(Column, shown)],
-        [[name, *(str(of[n]) for n in shown)] for name, of in counts.items()],
+        [[name, *(str(count[n]) for n in shown)] for name, count in counts.items()],
     )
     for case in cases:
         make_console().print(
@@ -58,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _repeat_case(arguments: argparse.Namespace) -> int:
-    """Examine the solver on a stored case again and print the outcome; return 1 if the deviation persists, else 0."""
+    """Examine the one solver on the case stored in --repeat and print the outcome; return 1 if it deviates, else 0."""
     case = read_case(Path(arguments.repeat))
     if len(arguments.solvers) != 1:
         raise UsageError(f"--repeat takes one solver (got {', '.join(arguments.solvers)})")

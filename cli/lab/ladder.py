@@ -15,7 +15,7 @@ LABEL_FILE = "labels.toml"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Rank the bundles and write the page; return 1 if an entry was removed, else 0."""
+    """Rank the bundles of a folder, print the ranking and write its page; return 1 if an entry was removed, else 0."""
     require_checker()
     folder = Path(arguments.folder)
     files = sorted(folder.glob("*.zip"))
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _describe_entry(r: RankedEntry, *, trial: bool) -> dict[str, object]:
-    """Return an entry of the ranking as plain data for --json; ``trial``: the ladder is not closed yet."""
+    """Return an entry of the ranking as plain data for --json; ``trial`` is true if the ladder is not closed yet."""
     return {
         "file": r.file,
         "solver": r.solver,
@@ -60,7 +60,10 @@ def _describe_entry(r: RankedEntry, *, trial: bool) -> dict[str, object]:
 
 
 def _read_labels(path: Path, bundles: list[str]) -> dict[str, str]:
-    """Return the labels of bundles by file name; empty without the file, UsageError for an unknown bundle or label."""
+    """Return the labels of bundles by file name, as the file at ``path`` states them; empty without that file.
+
+    Raise UsageError for an unknown bundle or label.
+    """
     if not path.exists():
         return {}
     labels = parse_toml(read_text(path, "labels"), LABEL_FILE)

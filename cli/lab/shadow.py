@@ -14,7 +14,7 @@ from ...harness.mechanics.types import Problem, Trajectory
 from ...harness.results import store
 from ...harness.results.findings import state_finding
 from ...harness.results.records import RunRecord
-from ...harness.results.shadows import keep_nearest
+from ...harness.results.shadows import store_nearest
 from ...harness.run.costs import describe_command
 from ...harness.run.full_series import rebuild_spec
 from ...harness.run.run_file import read_run
@@ -27,7 +27,11 @@ from ..terminal import make_console, make_error_console, plural
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the findings; return 0 if a shadow is found over the whole time within a tenth of the reach, else 1."""
+    """Find the shadow of a motion and its modified energy and print the findings, with --html also as a page.
+
+    For a run of a results folder they are kept there, too. Return 0 if a shadow is found over the whole time within a
+    tenth of the reach, else 1.
+    """
     title, problem, trajectory, run = _read_motion(arguments)
     steps, bodies = len(trajectory.t) - 1, problem.system.nb
     time_needed = describe_command("shadow", steps * bodies)
@@ -44,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         modified = None
         found.append(state_finding("modified energy", f"not computed: {error}"))
     if run is not None:
-        keep_nearest(*run, summarise_nearest(shadow, modified))
+        store_nearest(*run, summarise_nearest(shadow, modified))
     print_findings(found, *([] if arguments.json else [title]), json=arguments.json)
     if arguments.html:
         from ...reports.lab.shadow import write_page
@@ -55,13 +59,13 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if good else 1
 
 
-Motion = tuple[str, Problem, Trajectory, tuple[Path, RunRecord] | None]
+Motion = tuple[str, Problem, Trajectory, tuple[Path, RunRecord] | None]  # title, ..., results folder and record
 
 
 def _read_motion(arguments: argparse.Namespace) -> Motion:
-    """Return a title, the problem and its motion from a file or a run solved again, and that run's folder and record.
+    """Read the motion that is given as a file, or solve a run of a results folder again, whose poses are thinned.
 
-    Folder and record are None for a file.
+    Return a title, the problem, the trajectory, and the pair of results folder and record, None for a file.
     """
     path = Path(arguments.motion)
     if arguments.problem is not None:
@@ -76,7 +80,7 @@ def _read_motion(arguments: argparse.Namespace) -> Motion:
         raise UsageError(f"{path} does not name its problem; give it with --problem")
     folder = find_results(arguments.results)
     record = find_run(store.load(folder, check_series=False).records, arguments.motion, folder)
-    with tempfile.TemporaryDirectory() as place:  # a results folder keeps thinned poses only
+    with tempfile.TemporaryDirectory() as place:
         again = Path(place) / "run.npz"
         solve_to_file(rebuild_spec(record), again, None)
         return *_read_run(again), (folder, record)
@@ -89,7 +93,10 @@ def _read_run(path: Path) -> tuple[str, Problem, Trajectory]:
 
 
 def find_nearest(problem: Problem, path: Path) -> dict[str, Any]:
-    """Describe in words and numbers the true motion nearest to the one in a file; in words alone if none is found."""
+    """Return words and numbers on the true motion nearest to the one in an NPZ file, by name.
+
+    If none is found, there is only ``words``: the reason.
+    """
     try:
         return summarise_shadow(find_shadow(problem, read_run(path)[1]))
     except ValueError as error:

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from matplotlib.figure import Figure
 
-from mbsbench.harness.judge.distance import find_differing
+from mbsbench.harness.judge.distance import find_significant_tests
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, Condition, JudgedClaim
 from mbsbench.harness.results.judgements.files import (
@@ -317,13 +317,13 @@ def shadow(solver: str) -> float:
 
 
 def ensembles_that_differ() -> str:
-    """Return text such as ``3 of 9``: ensembles that chance explains in fewer cases than ``find_differing`` allows."""
+    """Return text such as ``3 of 9``: the ensembles that differ from the true one by ``find_significant_tests``."""
     found = [
         [score["p"] for score in of.values() if isinstance(score, dict) and score["p"] is not None]
         for of in chaos()["ensembles"].values()
     ]
     found = [p for p in found if p]  # ensembles that ended early cannot be compared
-    return f"{sum(bool(find_differing([(x, '') for x in p])) for p in found)} of {len(found)}"
+    return f"{sum(bool(find_significant_tests([(x, '') for x in p])) for p in found)} of {len(found)}"
 
 
 def growth(problem: str) -> float:

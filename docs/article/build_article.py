@@ -27,7 +27,7 @@ from jinja2.ext import Extension
 
 from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.reports.model.words import number
-from mbsbench.reports.plots.paper import save
+from mbsbench.reports.plots.paper import save_figure
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE / "article.j2"
@@ -189,7 +189,7 @@ def build(folder: Path) -> list[Path]:
     found = blocks(fill(SOURCE.read_text(encoding="utf-8")))
     for block in found:
         if block.kind == "figure":
-            save(data.FIGURES[block.name], ConfinedPath(folder), block.name, ("pdf", "svg"))
+            save_figure(data.FIGURES[block.name], ConfinedPath(folder), block.name, ("pdf", "svg"))
     out = [folder / "article.html", folder / "article.tex"]
     out[0].write_text(render(found, "html.j2", as_html), encoding="utf-8")
     out[1].write_text(render(found, "latex.j2", as_latex, **LATEX), encoding="utf-8")

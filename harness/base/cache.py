@@ -40,7 +40,7 @@ class Cache:
 
 
 def list_caches() -> tuple[Cache, ...]:
-    """Return every cache with its folder and size, by name."""
+    """Return all caches with their folders and sizes, sorted by name."""
     folders = {name: _choose_place(name, ROOT / place)[0] for name, place in sorted(IN_CHECKOUT.items())}
     return tuple(Cache(name, folder, _size_of(folder)) for name, folder in folders.items())
 
@@ -56,13 +56,13 @@ def is_checkout() -> bool:
 
 
 def make_cache_folder(name: str, in_checkout: Path) -> Path:
-    """Make the folder of the cache ``name`` for this user alone and return it.
+    """Make the folder of the cache ``name`` for this user alone and return its path.
 
     It is below ``in_checkout`` or, without a writable checkout, in the user's cache: ``mbsbench/`` in
-    ``$XDG_CACHE_HOME`` or ``~/.cache``. ``$MBSBENCH_CACHE``, an absolute path, replaces both. If others may write to
-    the folder, a warning names it, and this process and those that it starts use a private folder instead
-    (``$MBSBENCH_CACHE`` is set). If a folder in the checkout or in ``$MBSBENCH_CACHE`` cannot be made, its path is
-    returned all the same.
+    ``$XDG_CACHE_HOME`` or ``~/.cache``. ``$MBSBENCH_CACHE``, an absolute path, replaces both. A folder to which others
+    may write is not used, and a warning names it. Then, or if a folder in the user's cache cannot be made, this process
+    and those that it starts use a private temporary folder (``$MBSBENCH_CACHE`` is set). If a folder in the checkout or
+    in ``$MBSBENCH_CACHE`` cannot be made, its path is returned all the same, and nothing is cached.
     """
     folder, above = _choose_place(name, in_checkout)
     try:
@@ -99,7 +99,10 @@ def read_cached_file(path: Path, largest: int) -> bytes:
 
 
 def write_sealed_file(path: Path, content: bytes) -> None:
-    """Write ``content`` behind its SHA-256 digest to ``path``, atomically; ignore OSError, as it can be made anew."""
+    """Write the SHA-256 digest of ``content``, then ``content``, to ``path`` atomically.
+
+    OSError is ignored: nothing is then stored, and the content is computed again next time.
+    """
     with contextlib.suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as part:
@@ -126,7 +129,10 @@ def _read_chosen_folder() -> str:
 
 
 def _choose_place(name: str, in_checkout: Path) -> tuple[Path, Path | None]:
-    """Return the folder of the cache ``name``, and its parent if that holds caches alone, else (in a checkout) None."""
+    """Return the folder of the cache ``name``, and its parent if that holds caches alone, else (in a checkout) None.
+
+    ``in_checkout`` is the parent in a checkout.
+    """
     if chosen := _read_chosen_folder():
         return Path(chosen) / name, Path(chosen)
     if is_checkout() and os.access(ROOT, os.W_OK):

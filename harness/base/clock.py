@@ -34,11 +34,11 @@ def cpu_seconds_of_tree() -> float:
 
 
 def cpu_seconds_of_others() -> float:
-    """Return the CPU time of all processes started from here except this one, in any session, to 10 ms each [s].
+    """Return the CPU time of all processes started from here, without this one's, to 10 ms for each [s].
 
-    Reading it takes 20 times as long as ``cpu_seconds``: to time a call, read both, with ``cpu_seconds`` next to the
-    call. A finer clock may show more time of the same processes; clip differences between the two at zero. A process
-    that ends without being waited for is not counted.
+    Processes that have left this one's session count, too; one that ended without being waited for does not. Reading
+    the time takes 20 times as long as ``cpu_seconds``: to time a call, read both, with ``cpu_seconds`` next to the
+    call. A finer clock may show more time of the same processes; clip differences between the two at zero.
     """
     root = _keepers[-1] if _keepers else os.getpid()
     children = resource.getrusage(resource.RUSAGE_CHILDREN)

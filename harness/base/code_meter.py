@@ -40,14 +40,14 @@ class CodePage:
             self.report(slot, 0.0)
 
     def report(self, slot: int, seconds: float, since: float = -1.0) -> None:
-        """Write to ``slot`` the CPU time [s] that its process took to make code in closed blocks, and ``since``.
+        """Write to ``slot`` the CPU time [s] that its process spent in closed blocks of making code, and ``since``.
 
-        ``since`` is the process's CPU time [s] when the block that is open began, -1 if none is open.
+        ``since`` is the process's CPU time [s] at the beginning of the block that is open; -1 if none is open.
         """
         self._numbers[2 * slot], self._numbers[2 * slot + 1] = seconds, since
 
     def read(self, slot: int) -> tuple[float, float]:
-        """Return the two numbers last reported to ``slot``, ``seconds`` and ``since`` of ``report``."""
+        """Return ``seconds`` and ``since`` as last reported to ``slot`` (see ``report``)."""
         seconds, since = self._numbers[2 * slot : 2 * slot + 2].tolist()
         return seconds, since
 
@@ -60,16 +60,17 @@ class CodeReading:
     """A parent's reading of a page: the time of making code of its child and of the processes below it."""
 
     def __init__(self, page: CodePage, first: int = 0) -> None:
-        """Read the slots from ``first`` on."""
+        """Prepare to read the slots of ``page`` from ``first`` on."""
         self.page, self.first = page, first
         self._used = 0.0  # [s] CPU time at the last reading
         self._open = dict[int, tuple[float, float]]()  # by slot: when the open block began, and ``used`` before it
 
     def read_seconds(self, used: float) -> float:
-        """Read the page; return the CPU time of making code so far [s], of processes that used ``used`` [s] together.
+        """Read the page and return the CPU time spent on making code so far [s].
 
-        An open block counts from the last reading before it, or from its process's own ``since`` if that is later:
-        ``used`` also contains what other processes used before.
+        ``used`` [s] is the CPU time so far of all processes that report to it together. While a block is open, all that
+        they use counts as making code, from the last reading before the block began or, if that is later, from
+        ``since`` of its process.
         """
         total = 0.0
         for slot in range(self.first, SLOTS):
@@ -78,7 +79,7 @@ class CodeReading:
             if not since >= 0.0:
                 self._open.pop(slot, None)
                 continue
-            if self._open.get(slot, (-1.0, 0.0))[0] != since:
+            if self._open.get(slot, (-1.0, 0.0))[0] != since:  # a block that began after the last reading
                 self._open[slot] = since, self._used
             total += max(used - max(since, self._open[slot][1]), 0.0)
         self._used = used
@@ -122,7 +123,7 @@ os.register_at_fork(after_in_child=_reset_meter)
 
 
 def _open_block() -> None:
-    """Open a block of making code in this thread; of nested blocks only the outermost counts and moves the limit."""
+    """Open a block of making code in this thread; the outermost block reports its start and raises the time limit."""
     _thread.depth += 1
     if _thread.depth == 1:
         _thread.began = time.thread_time()
@@ -132,7 +133,7 @@ def _open_block() -> None:
 
 
 def _close_block() -> None:
-    """Close this thread's innermost block; at the outermost add its CPU time to the meter and report it."""
+    """Close this thread's innermost block; if it is the outermost, count and report its time, and lower the limit."""
     if _thread.depth == 1:
         with _process.lock:
             _process.closed += time.thread_time() - _thread.began
@@ -142,7 +143,7 @@ def _close_block() -> None:
     _thread.depth = max(_thread.depth - 1, 0)
 
 
-def _check(space: dict[str, Any]) -> None:
+def _check_caller(space: dict[str, Any]) -> None:
     """Raise RuntimeError unless the caller, whose global names are ``space``, belongs to this package.
 
     Otherwise a plugin could hide its own time; plugins return ``setup_time`` instead.
@@ -156,7 +157,7 @@ class _MakingCode:
     """A context manager and decorator that counts CPU time as that of making code, not of the solver."""
 
     def __enter__(self) -> None:
-        _check(sys._getframe(1).f_globals)
+        _check_caller(sys._getframe(1).f_globals)
         _open_block()
 
     def __exit__(self, *exception: object) -> None:
@@ -164,7 +165,7 @@ class _MakingCode:
 
     def __call__(self, function: Function) -> Function:
         """Return the function with its CPU time counted as that of making code; only for functions of this package."""
-        _check(sys._getframe(1).f_globals)
+        _check_caller(sys._getframe(1).f_globals)
 
         @wraps(function)
         def make(*given: Any, **named: Any) -> Any:
@@ -234,7 +235,7 @@ class Stopwatch:
 
 
 def listen_to_numba() -> None:
-    """Count what numba compiles or loads from its cache, for plugins as well; the first call imports numba."""
+    """Count numba's compiling and loading from its cache as making code, in plugins too; the first call imports it."""
     if _listening:
         return
     _listening.append(listen_to_compiler(_open_block, _close_block))
@@ -260,13 +261,16 @@ def report_code_time(page: CodePage, slot: int) -> None:
 
 
 def limit_solver_time(soft_limit: float) -> None:
-    """Limit the CPU time of this process to ``soft_limit`` [s], without the time of making code from now on."""
+    """Limit the CPU time of this process to ``soft_limit`` [s]; making code from now on does not count towards it."""
     _process.soft_limit = math.ceil(soft_limit - code_seconds())
     _move_limit(making=is_making_code())
 
 
 def _move_limit(*, making: bool) -> None:
-    """Set the system's soft limit on CPU time, to ``HARD`` below the hard one while code is made, else the solver's."""
+    """Set the system's soft limit on CPU time: ``HARD`` below the hard limit while code is made, else the solver's.
+
+    Do nothing without a limit of the solver (``limit_solver_time``).
+    """
     if _process.soft_limit:
         with contextlib.suppress(ValueError, OSError):  # a plugin has changed it
             hard = resource.getrlimit(resource.RLIMIT_CPU)[1]

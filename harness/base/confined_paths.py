@@ -76,7 +76,7 @@ class ConfinedPath:
         """Return ``a file``, ``a folder``, ``a link`` and so on; empty if nothing exists."""
         try:
             with self.parent.open_folder() as above:
-                return _kind(above, self.name) if self.parts else "a folder"
+                return _read_kind(above, self.name) if self.parts else "a folder"
         except (FileNotFoundError, NotADirectoryError):  # NotADirectoryError if the results folder is a file
             return ""
 
@@ -95,7 +95,7 @@ class ConfinedPath:
         return self.is_there() and self.kind() == "a folder"
 
     def names(self) -> list[str]:
-        """Return the names in this folder, sorted; empty if it does not exist."""
+        """Return the names of the entries of this folder, sorted; an empty list if it does not exist."""
         try:
             with self.open_folder() as here:
                 return sorted(os.listdir(here))
@@ -164,7 +164,7 @@ class ConfinedPath:
         """
         partial = format_partial_name(self.name, os.getpid())
         with self.parent.open_folder(make=True) as above:
-            if (kind := _kind(above, self.name)) not in ("", "a file"):
+            if (kind := _read_kind(above, self.name)) not in ("", "a file"):
                 raise self._make_refusal(kind)
             with self._create(partial, above) as file:
                 try:
@@ -184,17 +184,20 @@ class ConfinedPath:
             file.write(content.encode() if isinstance(content, str) else content)
 
     def open_new(self) -> BinaryIO:
-        """Create an empty file in place of any old one; return it, opened for appending."""
+        """Create an empty file in place of any old one, with missing folders; return it, opened for appending."""
         with self.parent.open_folder(make=True) as above:
-            if (kind := _kind(above, self.name)) not in ("", "a file"):
+            if (kind := _read_kind(above, self.name)) not in ("", "a file"):
                 raise self._make_refusal(kind)
             return self._create(self.name, above, os.O_APPEND)
 
     def remove_file(self, *, missing_ok: bool = False) -> None:
-        """Remove the file, or a folder with all in it; a link is removed, not its target."""
+        """Remove the file, or a folder with all in it; a link is removed, not its target.
+
+        Raise FileNotFoundError if nothing exists, unless ``missing_ok``.
+        """
         try:
             with self.parent.open_folder() as above:
-                if _kind(above, self.name) == "a folder":
+                if _read_kind(above, self.name) == "a folder":
                     shutil.rmtree(self.name, dir_fd=above)
                 else:
                     os.unlink(self.name, dir_fd=above)
@@ -209,13 +212,16 @@ class ConfinedPath:
                 shutil.rmtree(self.name, dir_fd=above)
 
     def move_to(self, target: "ConfinedPath") -> None:
-        """Rename the file, folder or link of this name to ``target``, whose folder is created."""
+        """Rename this file, folder or link to ``target``, whose folder is created if it is missing."""
         with self.parent.open_folder() as here, target.parent.open_folder(make=True) as there:
             os.rename(self.name, target.name, src_dir_fd=here, dst_dir_fd=there)
 
     @contextmanager
     def open_folder(self, *, make: bool = False) -> Iterator[int]:
-        """Provide a descriptor of this folder for the block; with ``make`` create missing folders down to it."""
+        """Provide a descriptor of this folder for the block; with ``make`` create missing folders down to it.
+
+        Raise UnsafeFile for a link or the like in place of a folder on the path below ``root``.
+        """
         at = os.open(self.root, FOLDER)
         try:
             for k, part in enumerate(self.parts):
@@ -243,8 +249,11 @@ class ConfinedPath:
         return os.fdopen(os.open(name, flags, 0o666, dir_fd=above), "w+b")
 
     def _explain(self, error: OSError, above: int, wanted: str = "a file") -> OSError:
-        """Return the error to raise: UnsafeFile if this is anything but ``wanted``, else ``error`` with the path."""
-        kind = _kind(above, self.name)
+        """Return the error to raise for ``error``, met on opening this path in the folder with descriptor ``above``.
+
+        It is UnsafeFile if the path is anything but ``wanted``, else the same error with the path.
+        """
+        kind = _read_kind(above, self.name)
         if kind not in ("", wanted):
             return self._make_refusal(kind)
         return OSError(error.errno, error.strerror, str(self))
@@ -256,10 +265,10 @@ class ConfinedPath:
 
 
 def confine_path(path: Path | ConfinedPath) -> ConfinedPath:
-    """Return a path that the user named as its last name below its folder; return a ConfinedPath unchanged.
+    """Return a path that the user named, confined to the folder that contains it; return a ConfinedPath unchanged.
 
-    The way to the folder is trusted: it is the user's, and links on it are followed. The last name is not: it may have
-    been replaced by others, and methods of the path refuse a link or a device in its place.
+    Links on the path to that folder are followed: the user chose it. The last name is not trusted: others may have
+    replaced the file, and methods of the result refuse a link or a device in its place.
     """
     if isinstance(path, ConfinedPath):
         return path
@@ -268,7 +277,7 @@ def confine_path(path: Path | ConfinedPath) -> ConfinedPath:
 
 
 def read_whole(path: Path, largest: int = LARGEST) -> bytes:
-    """Return the content of a file that the user named; raise OSError where ``open_whole`` does."""
+    """Return the content of a file that the user named; raise OSError unless it is regular and within ``largest``."""
     with open_whole(path, largest) as file:
         return file.read(os.fstat(file.fileno()).st_size)
 
@@ -298,7 +307,7 @@ def format_partial_name(name: str, pid: int) -> str:
     return f".{path.stem}.{pid}.part{path.suffix}"
 
 
-def _kind(above: int, name: str) -> str:
+def _read_kind(above: int, name: str) -> str:
     """Return the kind of ``name`` in the folder with descriptor ``above``, such as ``a link``; empty if none exists."""
     try:
         return KINDS.get(stat.S_IFMT(os.stat(name, dir_fd=above, follow_symlinks=False).st_mode), "no regular file")

@@ -54,7 +54,10 @@ def parse_json(text: str | bytes, where: str) -> Any:
 
 
 def to_json(value: Any, *, indent: int = 0) -> str:
-    """Format a value as strict JSON; a number that is NaN or infinite becomes null."""
+    """Format a value, arrays of NumPy included, as strict JSON: NaN and infinities become null.
+
+    It is one line, or indented by ``indent`` spaces a level.
+    """
     text = msgspec.json.encode(value, enc_hook=lambda x: x.tolist())  # arrays and scalars of numpy
     return (msgspec.json.format(text, indent=indent) if indent else text).decode()
 
@@ -71,7 +74,7 @@ def name_partial(path: Path, pid: int) -> Path:
 
 @contextmanager
 def write_atomically(path: Path) -> Iterator[Path]:
-    """Provide the path of a new file, which replaces ``path`` when the block ends and is removed if the block fails."""
+    """Provide a path for the block to write a file to: it then replaces ``path``, or is removed if the block fails."""
     partial = name_partial(path, os.getpid())
     try:
         yield partial
@@ -83,7 +86,7 @@ def write_atomically(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path | ConfinedPath, text: str) -> None:
-    """Write a text atomically."""
+    """Write ``text`` to ``path`` in UTF-8, atomically: a reader finds the old file or the whole new one."""
     if isinstance(path, ConfinedPath):
         path.write(text)
         return

@@ -88,9 +88,10 @@ class ForkedProcess:
 
         The memory is that beyond what is loaded here. The system enforces the limits on each process, this class on the
         sum. After ``wall`` [s] the process is killed, too: a safety net against waiting without end, by default
-        ``SLACK`` times the limit, for a busy machine. ``above`` says who ends what it leaves running: a keeper, this
-        process (which has adopted orphans and has no other children), or the process itself. The time of making code
-        that its meter reports does not count towards the limits on time; it has a limit of its own, ``code`` [s].
+        ``SLACK`` times the limit, for a busy machine. Its standard error goes to the file ``stderr``. ``above`` says
+        who ends the processes that it leaves running: a keeper, this process (``here``; it must have adopted orphans
+        and have no other children), or the process itself. The time of making code that its meter reports does not
+        count towards the limits on time; it has a limit of its own, ``code`` [s], 0 for processes that make none.
         """
         self.above, self.code = above, code
         self.memory = memory + measure_own_memory() if math.isfinite(memory) else math.inf  # [MB] of its tree
@@ -119,7 +120,8 @@ class ForkedProcess:
     def read_lines(self) -> str:
         """Read what has arrived through the pipe, without waiting; return all lines that the target has sent so far.
 
-        The first line, by which a process reports that its target began, sets ``begun`` and is left out.
+        The first line, by which a process reports that its target began, sets ``begun`` and is left out. The pipe is
+        closed at its end, or once more than ``MOST`` bytes have arrived.
         """
         with contextlib.suppress(BlockingIOError):
             for _ in range(AT_ONCE):
@@ -135,9 +137,10 @@ class ForkedProcess:
         return lines if self.begun else ""
 
     def check_end(self) -> ProcessEnd | None:
-        """Return how the process ended, None while it runs; kill it if it has passed a limit, and then what it left.
+        """Return how the process ended, or None while it runs; kill it if it has passed a limit.
 
-        Time in which this process itself was stopped does not count towards the deadline.
+        Once it has ended, what it left in its process group is killed. Time in which this process itself was stopped
+        does not count towards the deadline.
         """
         now = time.monotonic()
         if now - self._looked > ASLEEP:
@@ -168,13 +171,17 @@ class ForkedProcess:
 
     @property
     def code_seconds(self) -> float:
-        """The CPU time of making code [s] that its meter reports, at most all CPU time it is known to have used."""
+        """The CPU time of making code [s] that its meter reports, at most all CPU time that was measured.
+
+        Until that is measured, at most twice the limit ``code``.
+        """
         return min(self._reading.read_seconds(self._used), self._used or 2.0 * self.code)
 
     def _check_limits(self, now: float) -> None:
         """Kill the process if its tree has passed a limit on CPU time, memory or time of making code, or its deadline.
 
-        The system enforces its limit on each process only, this the sum. ``now`` [s] is of ``time.monotonic``.
+        The system limits each process only; here the sum is limited. ``now`` [s] is a reading of ``time.monotonic``. A
+        process group that has survived being killed for ``2 PATIENCE`` is killed again.
         """
         if self.killed:
             if now > self._killed_at + 2.0 * PATIENCE:
@@ -196,7 +203,7 @@ class ForkedProcess:
             self.kill()
 
     def _check_memory(self) -> None:
-        """Measure the memory of the process tree, and record in ``_tree`` if two consecutive values exceed the limit.
+        """Measure the memory of the process tree, and record it in ``_tree`` if two consecutive values pass the limit.
 
         The exact measurement, page by page, is made only if a quick upper bound, which counts shared pages repeatedly,
         exceeds the limit.

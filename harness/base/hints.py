@@ -1,4 +1,4 @@
-"""Word what messages say of a value or of a misspelt name."""
+"""Format values, and suggestions for misspelt names, as messages show them."""
 
 from collections.abc import Mapping
 from difflib import get_close_matches

@@ -37,7 +37,7 @@ PATIENCE = 5.0
 STDERR_KEPT = 2**16
 
 
-def describe_lacking(platform: str = sys.platform) -> str:
+def describe_missing_protection(platform: str = sys.platform) -> str:
     """Describe in one line what a run is not protected from on this system; empty on Linux."""
     if platform.startswith("linux"):
         return ""
@@ -52,11 +52,12 @@ def fork(
 ) -> tuple[int, int]:
     """Run ``target(send)`` in a child limited to ``memory`` [MB], ``cpu`` [s], and ``code`` [s] for making code.
 
-    Return its keeper's process id (and group) and the read end of the pipe on which ``send`` writes lines. The memory
-    is that beyond what is loaded here. The keeper adopts all that ``target`` starts and leaves running; when the child
-    ends, it ends that too, waits for it, so that the system accounts for its CPU time, and then ends as the child did:
-    with exit code 0 if ``target`` returned, 70 if it raised, ``CANNOT_WRITE`` on a full disk. The first line is
-    ``BEGUN`` or, if the child could not be prepared for its target, the reason. SIGTERM to the keeper ends all at once.
+    Return its keeper's process id (and group) and the read end of the pipe on which ``send`` writes lines. Standard
+    output and error go to the file ``stderr``. The memory is that beyond what is loaded here. The keeper adopts all
+    that ``target`` starts and leaves running; when the child ends, it ends that too, waits for it, so that the system
+    accounts for its CPU time, and then ends as the child did: with exit code 0 if ``target`` returned, 70 if it raised,
+    ``CANNOT_WRITE`` on a full disk. The first line is ``BEGUN`` or, if the child could not be prepared for its target,
+    the reason. SIGTERM to the keeper ends all at once. Raise ValueError if this process has several threads.
     Without a ``keeper`` the child's own process id is returned.
     """
     if threading.active_count() > 1:
@@ -82,7 +83,7 @@ def fork(
         isolate_process()
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
-        _redirect(stderr)
+        _redirect_streams(stderr)
         limit_process(memory, cpu, code)
         os.write(write, f"{BEGUN}\n".encode())
         begun = True
@@ -113,7 +114,7 @@ def _flush() -> None:
 
 
 def is_disk_full_error(error: BaseException) -> bool:
-    """Return whether ``error`` means that a disk is full, or a file larger than an outside limit lower than ours."""
+    """Return whether ``error`` means that a disk is full, or that a file exceeds a limit set outside, below ours."""
     if not isinstance(error, OSError):
         return False
     cut = error.errno == errno.EFBIG and resource.getrlimit(resource.RLIMIT_FSIZE)[0] < OUTPUT_LIMIT
@@ -131,15 +132,17 @@ def protect_process() -> None:
 
 
 def isolate_process() -> None:
-    """Separate this process and its children from all others: their memory, files and, since Linux 6.12, signals.
+    """Restrict this process and its children: no access to memory or open files of others, nor signals to them.
 
-    Linux does this for root too (landlock); if it cannot, only ``protect_process`` protects the others.
+    Landlock enforces it, for root too (signals since Linux 6.12). Where the kernel lacks it, processes have only the
+    protection of ``protect_process``.
     """
     protect_process()
     _prctl(PR_SET_NO_NEW_PRIVS, 1)
     if sys.platform.startswith("linux"):
         system = ctypes.CDLL(None).syscall
         signals = system(CREATE_RULESET, None, ctypes.c_size_t(0), 1) >= 6  # version of landlock
+        # struct landlock_ruleset_attr: rights on files, rights on the net, scopes; one of them must be restricted
         rules = (ctypes.c_uint64 * 3)(0 if signals else MAKE_BLOCK, 0, SCOPE_SIGNAL if signals else 0)
         ruleset = system(CREATE_RULESET, rules, ctypes.c_size_t(ctypes.sizeof(rules)), 0)
         if ruleset >= 0:
@@ -155,7 +158,7 @@ def _prctl(option: int, value: int) -> None:
 
 
 def end_orphans(known: Collection[int]) -> None:
-    """Kill and reap all processes below this one except those ``known`` and what is below them."""
+    """Kill and reap all processes below this one, except those ``known`` and their descendants, within ``PATIENCE``."""
     until = time.monotonic() + PATIENCE
     while (strays := list_descendants(os.getpid(), known)) and time.monotonic() < until:
         for pid in strays:
@@ -173,7 +176,10 @@ def kill_descendants(root: int) -> None:
 
 
 def end_descendants() -> tuple[dict[int, int], float]:
-    """Kill and reap all below this process; return exit statuses by process id, and the CPU time that they took [s]."""
+    """Kill and reap all processes below this one, within ``PATIENCE``; return their exit statuses and CPU time [s].
+
+    Statuses are by process id, as ``os.waitpid`` returns them.
+    """
     statuses, before = dict[int, int](), resource.getrusage(resource.RUSAGE_CHILDREN)
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
@@ -187,9 +193,10 @@ def end_descendants() -> tuple[dict[int, int], float]:
 
 
 def _become_keeper(pipe: tuple[int, int]) -> None:
-    """Become a keeper: fork the child, in which alone this returns, and end as it did once all it started has ended.
+    """Fork the child, in which alone this function returns, and become its keeper.
 
-    ``pipe`` are the descriptors of the child's pipe, which the keeper closes.
+    On the child's end or on SIGTERM the keeper ends all that the child started, and then ends as the child did. It
+    closes ``pipe``, the descriptors of the child's pipe.
     """
     adopt_orphans()
     own = os.getpid()
@@ -226,7 +233,7 @@ def _reap() -> dict[int, int]:
 
 
 def end_with_parent(parent: int, number: int = signal.SIGKILL) -> None:
-    """Request that the system sends this process the signal ``number`` when ``parent`` dies; exit if it has died.
+    """Request the signal ``number`` for this process when ``parent`` dies; exit with code 70 if it has died already.
 
     Nothing else would end this process at its limits if its parent is killed, even by SIGKILL.
     """
@@ -245,7 +252,7 @@ def kill_group(pid: int) -> None:
 
 
 def trim_output(place: ConfinedPath) -> None:
-    """Keep both ends, ``STDERR_KEPT`` bytes each, of a longer file of standard error; remove an empty one."""
+    """Limit a file of standard error to ``STDERR_KEPT`` bytes at each end; remove it if empty or no regular file."""
     if place.kind() not in ("", "a file"):  # placed there by the run
         place.remove_file()
     size = place.size() if place.kind() else -1
@@ -259,8 +266,8 @@ def trim_output(place: ConfinedPath) -> None:
         place.write(head + f"\n... {size - 2 * STDERR_KEPT} bytes left out ...\n".encode() + tail)
 
 
-def _redirect(stderr: Path | ConfinedPath) -> None:
-    """Redirect standard output and error of this process to a file, and its input to the null device."""
+def _redirect_streams(stderr: Path | ConfinedPath) -> None:
+    """Redirect standard output and error of this process to the file ``stderr``, its input to the null device."""
     file = stderr.open_new() if isinstance(stderr, ConfinedPath) else stderr.open("ab")
     target = os.dup(file.fileno())
     nothing = os.open(os.devnull, os.O_RDONLY)
@@ -276,8 +283,8 @@ def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
 
     It may use ``code`` [s] more to make code. A lower limit from outside, such as a batch system's, stays.
     """
-    _limit(resource.RLIMIT_CORE, 0)
-    _limit(resource.RLIMIT_FSIZE, OUTPUT_LIMIT)
+    _limit_resource(resource.RLIMIT_CORE, 0)
+    _limit_resource(resource.RLIMIT_FSIZE, OUTPUT_LIMIT)
     if math.isfinite(cpu):
         seconds, hard = int(cpu_seconds() + cpu) + 1, resource.getrlimit(resource.RLIMIT_CPU)[1]
         most = seconds + int(code) + HARD
@@ -286,19 +293,19 @@ def limit_process(memory: float, cpu: float, code: float = 0.0) -> None:
         if code:
             limit_solver_time(seconds)
     # elsewhere the system accepts the limit but does not enforce it
-    if math.isfinite(memory) and not describe_lacking():
+    if math.isfinite(memory) and not describe_missing_protection():
         # private memory; RLIMIT_AS would count mapped libraries
-        _limit(resource.RLIMIT_DATA, _data_in_use() + int(memory * 2**20))
+        _limit_resource(resource.RLIMIT_DATA, _measure_private_memory() + int(memory * 2**20))
 
 
-def _limit(what: int, most: int) -> None:
+def _limit_resource(what: int, most: int) -> None:
     """Set soft and hard limit of this process on ``what`` (RLIMIT_...) to ``most``, or to a lower hard limit."""
     hard = resource.getrlimit(what)[1]
     lower = most if hard == resource.RLIM_INFINITY else min(most, hard)
     resource.setrlimit(what, (lower, lower))
 
 
-def _data_in_use() -> int:
+def _measure_private_memory() -> int:
     """Return the private memory of this process that RLIMIT_DATA counts [bytes]; 0 without /proc."""
     with contextlib.suppress(OSError):  # without /proc, as in some containers, the limit includes memory in use
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():

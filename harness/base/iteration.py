@@ -13,11 +13,12 @@ def iterate(
     classify: Callable[[Any, int, float, float], int],
     most: int,
 ) -> bool:
-    """Repeat ``size = sweep(s, i, stale)`` until it settles or fails, ``most`` times at most; return if it settled.
+    """Repeat ``size = sweep(s, i, stale)`` until it settles or fails, at most ``most`` times.
 
-    ``sweep`` corrects the unknowns of the step ``s`` once, counts itself, and returns the size of residual and
-    correction, not finite where it cannot go on; ``i`` counts sweeps. ``classify(s, i, size, last)`` returns GO_ON,
-    STALE, SETTLED or FAILED for that size and the one before; STALE makes the next sweep's ``stale`` true.
+    Return whether it settled. ``sweep`` corrects the unknowns of the step ``s`` once, counts itself, and returns the
+    size of residual and correction, not finite where it cannot go on; ``i`` counts sweeps. ``classify(s, i, size,
+    last)`` returns GO_ON, STALE, SETTLED or FAILED for that size and the one before; STALE makes ``stale`` of the next
+    sweep true.
     """
     last, state = math.inf, GO_ON
     for i in range(most):

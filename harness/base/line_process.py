@@ -25,14 +25,14 @@ class LineProcess:
         return self.process.stdout
 
     def send_lines(self, lines: bytes) -> None:
-        """Send lines, each with its end; do nothing if the process has ended, of which the end of its answers tells."""
+        """Send lines, each with its newline; do nothing if the process has ended: its answers end, too."""
         assert self.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.write(lines)
             self.process.stdin.flush()
 
     def close(self, patience: float | None = None) -> None:
-        """Close the input of the process, and wait for its end; kill it if that takes longer than ``patience`` [s]."""
+        """Close the input of the process and wait for its end; kill it after ``patience`` [s], None for no limit."""
         assert self.process.stdin is not None
         with contextlib.suppress(OSError):  # it has ended, and what was not sent is lost with it
             self.process.stdin.close()
@@ -48,7 +48,7 @@ class ModuleProcess(LineProcess):
     """A Python process that runs a module of this package, beyond the reach of signals to the group of this process."""
 
     def __init__(self, module: str, environ: Mapping[str, str] | None = None) -> None:
-        """Run ``mbsbench.<module>``, with further variables ``environ``."""
+        """Run ``mbsbench.<module>`` with one thread for linear algebra and the environment variables ``environ``."""
         super().__init__(
             (sys.executable, "-m", f"mbsbench.{module}"),
             cwd=ROOT,

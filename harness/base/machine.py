@@ -84,7 +84,8 @@ _before: dict[str, str | None] = {}  # values that ``pin_arithmetic`` found pres
 def pin_arithmetic() -> None:
     """Set the environment of this process and its children so that runs have the same bits everywhere.
 
-    Libraries that are loaded already do not change: ``find_deviations`` names them.
+    Libraries that are loaded already do not change: ``find_deviations`` names them. Do nothing if
+    ``MBSBENCH_NATIVE`` is 1.
     """
     if os.environ.get(NATIVE) == "1":
         return
@@ -114,22 +115,22 @@ def unpin_arithmetic() -> None:
 @cache
 def list_variables() -> dict[str, str]:
     """Return the environment variables that pin the arithmetic, by name; empty if no target suits this processor."""
-    target = _target()
+    target = _find_target()
     if target is None:
         return {}
     return {
         "OPENBLAS_CORETYPE": os.environ.get(CORE) or target.kernels,
-        "NPY_DISABLE_CPU_FEATURES": " ".join(_list_unwanted(target)),
+        "NPY_DISABLE_CPU_FEATURES": " ".join(_list_unwanted_features(target)),
         "NUMBA_CPU_NAME": target.compiled,
         "NUMBA_CPU_FEATURES": "",
     }
 
 
 def find_llvm_target() -> tuple[str, str]:
-    """Return name and features of the processor that our code is compiled for."""
-    if os.environ.get(NATIVE) != "1" and (target := _target()) is not None:
+    """Return LLVM's name and features of the processor that our code is compiled for: the pinned one, or this."""
+    if os.environ.get(NATIVE) != "1" and (target := _find_target()) is not None:
         return target.compiled, ""
-    return _host()
+    return _find_host()
 
 
 def find_numba_target() -> tuple[str, str]:
@@ -137,11 +138,11 @@ def find_numba_target() -> tuple[str, str]:
     config = sys.modules.get("numba.core.config")
     name = config.CPU_NAME if config else os.environ.get("NUMBA_CPU_NAME")
     features = config.CPU_FEATURES if config else os.environ.get("NUMBA_CPU_FEATURES")
-    return name or _host()[0], _host()[1] if features is None else features
+    return name or _find_host()[0], _find_host()[1] if features is None else features
 
 
 @cache
-def _host() -> tuple[str, str]:
+def _find_host() -> tuple[str, str]:
     """Return LLVM's name of this processor, and its features."""
     import llvmlite.binding as llvm
 
@@ -149,10 +150,10 @@ def _host() -> tuple[str, str]:
 
 
 def find_deviations() -> list[str]:
-    """List, a sentence each, the libraries of this process that do not follow the pinned arithmetic; loads NumPy."""
-    target = _target()
+    """Describe in a few words each the libraries of this process that deviate from pinned arithmetic; import NumPy."""
+    target = _find_target()
     if target is None:
-        return [f"this processor ({platform.machine()}, {platform.system()}) is none that the pin knows"]
+        return [f"this processor ({platform.machine()}, {platform.system()}) has no pinned arithmetic"]
     loops = sorted(set(list_features()) - target.loops)
     kernels = sorted({k for k in list_kernels() if k and k.lower() != target.kernels.lower()})
     cpu, pinned = find_llvm_target()[0], (target.compiled, "")
@@ -200,7 +201,7 @@ def describe_machine() -> dict[str, Any]:
     ``pinned``; NumPy's SIMD features, LLVM's processor, libc; the clock governor, turbo, and the load of the last
     minute [1]. Facts that the system does not provide are empty.
     """
-    governor = _read("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip()
+    governor = _read_system_file("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").strip()
     libc = " ".join(platform.libc_ver()).strip() or platform.system()
     return {
         "pinned": not find_deviations(),
@@ -208,7 +209,7 @@ def describe_machine() -> dict[str, Any]:
         "llvm": _describe_compilers(),
         "libc": libc,
         "governor": governor,
-        "turbo": _turbo(),
+        "turbo": _read_turbo(),
         "load": round(os.getloadavg()[0], 2),
     }
 
@@ -221,12 +222,12 @@ def _describe_compilers() -> str:
 
 def read_cpu_model() -> str:
     """Return the name of the processor."""
-    lines = _read("/proc/cpuinfo").splitlines()
+    lines = _read_system_file("/proc/cpuinfo").splitlines()
     return next((x.split(":", 1)[1].strip() for x in lines if x.startswith("model name")), platform.processor())
 
 
 @cache
-def _target() -> Target | None:
+def _find_target() -> Target | None:
     """Return the reference processor of this architecture; None if there is none or this one lacks a needed feature."""
     target = TARGETS.get(platform.machine())
     return target if target and target.needs <= read_processor_flags() else None
@@ -235,11 +236,11 @@ def _target() -> Target | None:
 @cache
 def read_processor_flags() -> frozenset[str]:
     """Return the processor's flags as Linux lists them (``Features`` on arm64); empty, thus unpinned, elsewhere."""
-    lines = _read("/proc/cpuinfo").splitlines()
+    lines = _read_system_file("/proc/cpuinfo").splitlines()
     return frozenset(next((x.partition(":")[2] for x in lines if x.startswith(("flags", "Features"))), "").split())
 
 
-def _list_unwanted(target: Target) -> tuple[str, ...]:
+def _list_unwanted_features(target: Target) -> tuple[str, ...]:
     """Return the SIMD features, by NumPy's names, that this processor has and ``target`` lacks: they are disabled.
 
     NumPy warns about names that its build does not know, so its build is asked for the names it knows. This happens in
@@ -247,7 +248,7 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
     all names, as another processor of a cluster may read it. Empty if NumPy cannot be asked.
     """
     flags = read_processor_flags()
-    names = _read_names(kept := _locate_names_file())
+    names = _read_feature_names(kept := _locate_names_file())
     if names is None:
         bare = {k: v for k, v in os.environ.items() if not k.startswith("NPY_")}
         done = subprocess.run((sys.executable, "-c", ASK), capture_output=True, text=True, env=bare, check=False)
@@ -264,8 +265,8 @@ def _list_unwanted(target: Target) -> tuple[str, ...]:
     return tuple(sorted(n for n in unwanted if "avx512f" in flags or n.lower() in flags))
 
 
-def _read_names(kept: Path) -> str | None:
-    """Return the names in the file ``kept``; None if it is missing or its last line is not the digest of the others."""
+def _read_feature_names(kept: Path) -> str | None:
+    """Return NumPy's names of SIMD features from the file ``kept``; None if it is missing or its digest differs."""
     with contextlib.suppress(OSError, UnicodeDecodeError):
         names, _, digest = read_cached_file(kept, LARGEST).decode().rstrip("\n").rpartition("\n")
         return names if digest == _digest(names) else None
@@ -278,7 +279,7 @@ def _digest(text: str) -> str:
 
 
 def _locate_names_file() -> Path:
-    """Return the file with the names of this build of NumPy and their digest."""
+    """Return the path of the cached file with the SIMD features that this build of NumPy names, and their digest."""
     spec = importlib.util.find_spec("numpy")
     built = Path(spec.origin).stat().st_mtime_ns if spec and spec.origin else 0
     parts = importlib.metadata.version("numpy"), str(built), ASK
@@ -286,14 +287,14 @@ def _locate_names_file() -> Path:
     return make_cache_folder("machine", ROOT / "results" / "local") / name
 
 
-def _turbo() -> str:
+def _read_turbo() -> str:
     """Return ``on`` or ``off``, whether the processor may exceed its base clock; empty if the system does not say."""
-    if (off := _read("/sys/devices/system/cpu/intel_pstate/no_turbo").strip()) in ("0", "1"):
+    if (off := _read_system_file("/sys/devices/system/cpu/intel_pstate/no_turbo").strip()) in ("0", "1"):
         return "off" if off == "1" else "on"
-    return {"1": "on", "0": "off"}.get(_read("/sys/devices/system/cpu/cpufreq/boost").strip(), "")
+    return {"1": "on", "0": "off"}.get(_read_system_file("/sys/devices/system/cpu/cpufreq/boost").strip(), "")
 
 
-def _read(path: str) -> str:
+def _read_system_file(path: str) -> str:
     """Return the text of a file of the system; empty if it cannot be read."""
     try:
         return Path(path).read_text(encoding="utf-8", errors="replace")

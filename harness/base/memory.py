@@ -18,12 +18,12 @@ def measure_own_memory() -> float:
 
     A fork begins with this memory and shares it.
     """
-    return _pages("self")[1] * PAGE
+    return _count_pages("self")[1] * PAGE
 
 
 def bound_memory(processes: Iterable[int]) -> float:
     """Return an upper bound on the memory [MB] of all processes, quickly: it counts files, and shared pages in each."""
-    return sum(_pages(pid)[0] for pid in processes) * PAGE
+    return sum(_count_pages(pid)[0] for pid in processes) * PAGE
 
 
 def measure_memory(processes: Iterable[int]) -> float:
@@ -36,13 +36,13 @@ def measure_memory(processes: Iterable[int]) -> float:
         try:
             lines = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii").splitlines()
         except OSError:  # ended, or hidden by prctl(PR_SET_DUMPABLE)
-            total += _pages(pid)[0] * PAGE
+            total += _count_pages(pid)[0] * PAGE
         else:
             total += sum(int(line.split()[1]) * KILO for line in lines if line.startswith(KEPT))
     return total
 
 
-def _pages(pid: int | str) -> tuple[int, int]:
+def _count_pages(pid: int | str) -> tuple[int, int]:
     """Return how many pages of a process are resident, and how many of those belong to no file; zeros once ended."""
     with contextlib.suppress(OSError):
         resident, shared = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1:3]

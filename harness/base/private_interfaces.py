@@ -58,16 +58,17 @@ def listen_to_compiler(begin: Callable[[], None], end: Callable[[], None]) -> An
 
 
 def get_attribute_template() -> Any:
-    """Return the base class of numba's typing of attributes, whose decorator is public and it is not."""
+    """Return the base class of numba's typing of attributes: numba publishes its decorator, but not the class."""
     from numba.core.typing.templates import AttributeTemplate
 
     return AttributeTemplate
 
 
 def make_array_value(context: Any, builder: Any, kind: Any, data: Any, shape: list[Any], strides: list[Any]) -> Any:
-    """Write the LLVM IR of an array of numba's type ``kind`` at the address ``data``, which nobody counts; return it.
+    """Write the LLVM IR of an array of numba's type ``kind`` at the address ``data``, not reference-counted; return it.
 
-    ``shape`` and ``strides`` [bytes] are words of the IR. Numba's public ``carray`` takes shapes, but no strides.
+    ``context`` and ``builder`` are what numba passes to an intrinsic; ``shape`` and ``strides`` [bytes] are values in
+    the IR. Numba's public ``carray`` takes shapes, but no strides.
     """
     from numba.np import arrayobj
 
@@ -89,7 +90,7 @@ def print_llvm(function: Any, signature: tuple[Any, ...]) -> tuple[str, str]:
         defined = r'^define [^\n]*?@("[^"]+"|[\w.$]+)\([^\n]*%retptr[^\n]*%arg\.'
         (name,) = re.findall(defined, text, re.MULTILINE)
         return text, name
-    with _linking_alone():
+    with _link_without_optimising():
         function.compile(signature)
     compiled = function.overloads[signature]
     module = compiled.library._final_module
@@ -99,7 +100,7 @@ def print_llvm(function: Any, signature: tuple[Any, ...]) -> tuple[str, str]:
 
 
 @contextlib.contextmanager
-def _linking_alone() -> Iterator[None]:
+def _link_without_optimising() -> Iterator[None]:
     """Make numba link functions without optimising or compiling them, which is done once for all of an entry."""
     from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
     from numba.core.compiler_lock import global_compiler_lock
@@ -135,7 +136,7 @@ def compile_callback(function: Callable[..., Any], returns: Any, arguments: tupl
     """Return ``function`` as numba's C callback, loaded from the file ``path`` if it is there, else compiled into it.
 
     Numba's own cache identifies a function by its file and bytecode alone, and has no interface for another. The public
-    way, which is also that without a ``path``, compiles in each process.
+    way, taken also if ``path`` is None, compiles in each process.
     """
     import numba
 
@@ -192,10 +193,11 @@ def locate_sundials() -> tuple[str, Any]:
 
 
 def replace_names_in_step(method: Any, names: Mapping[str, Any]) -> bool:
-    """Make the step of a method of scipy_dae use our functions for these ``names`` of its module; return if it does.
+    """Make the step of a method of scipy_dae use our functions for these ``names`` of its module.
 
-    Scipy_dae takes neither Newton iterations nor norms: its step runs on a copy of its module's names. The public way
-    is its own iteration and norm, with our residuals, Jacobians and factors.
+    Return whether it does: only for versions in ``KNOWN``. Scipy_dae takes neither Newton iterations nor norms: its
+    step runs on a copy of its module's names. The public way is its own iteration and norm, with our residuals,
+    Jacobians and factors.
     """
     if not is_known("scipy-dae"):
         return False

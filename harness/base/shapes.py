@@ -43,7 +43,7 @@ class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def convert_shape(plain: Any, kind: type[T], where: str) -> T:
-    """Convert ``plain`` (tables, lists, numbers, text) to ``kind``; raise FileError naming file ``where`` and entry."""
+    """Convert ``plain`` (tables, lists, numbers, text) to ``kind``; raise FileError, naming ``where`` and the entry."""
     try:
         return msgspec.convert(plain, kind)
     except msgspec.ValidationError as e:
@@ -54,9 +54,9 @@ def convert_shape(plain: Any, kind: type[T], where: str) -> T:
 
 
 def _find_fault(plain: Any, kind: Any, said: str) -> list[str]:
-    """Return the path to the fault in ``plain``, one entry per part, and last what is wrong with it.
+    """Return the path to the faulty entry of ``plain``, name by name, and last what is wrong with it.
 
-    It is ``["runs 2", "label must be ..."]`` where msgspec's message ``said`` ends in ``at `$.runs[1].label```;
+    For example ``["runs 2", "label must be ..."]`` where msgspec's message ``said`` ends in ``at `$.runs[1].label```;
     ``kind`` is the type that was expected.
     """
     words, _, path = said.partition(" - at `$")
@@ -73,10 +73,10 @@ def _find_fault(plain: Any, kind: Any, said: str) -> list[str]:
             at[-1:] = [f"{at[-1] if at else 'entry'} {int(index) + 1}"]
     if words.startswith("Object"):
         key = words.split("`")[1]
-        known = sorted({k for option in _options(kind) for k in _fields(option)})
+        known = sorted({k for option in _list_options(kind) for k in _list_fields(option)})
         return [*at, f"unknown key {key!r}{suggest_name(key, known)}" if "unknown" in words else f"{key} is missing"]
     if words.startswith("Invalid enum"):
-        return [*at[:-1], f"unknown {at[-1]} {plain!r}{suggest_name(str(plain), _choices(kind))}"]
+        return [*at[:-1], f"unknown {at[-1]} {plain!r}{suggest_name(str(plain), _list_choices(kind))}"]
     if not words.startswith("Expected") and "out of range" not in words:  # a rule between fields, of __post_init__
         return [*at, words]
     return [*at[:-1], " ".join([*at[-1:], _describe_type(words, plain, kind)])]
@@ -94,7 +94,7 @@ def _describe_misfit(plain: Any, kind: Any) -> str:
 def _describe_type(words: str, plain: Any, kind: Any) -> str:
     """Return what was expected and got, as in ``must be a number > 0 (got -1)``, from msgspec's message ``words``."""
     got = format_value(plain)
-    described = [m.description for o in (kind, *_options(kind)) for m in get_args(o)[1:] if isinstance(m, Meta)]
+    described = [m.description for o in (kind, *_list_options(kind)) for m in get_args(o)[1:] if isinstance(m, Meta)]
     if any(described):
         return f"must be {described[0]} (got {got})"
     if "out of range" in words:
@@ -105,14 +105,14 @@ def _describe_type(words: str, plain: Any, kind: Any) -> str:
     return f"must be {wanted} (got {got})"
 
 
-def _options(kind: Any) -> tuple[Any, ...]:
+def _list_options(kind: Any) -> tuple[Any, ...]:
     """Return the types of a union; any other type is its only option."""
     if get_origin(kind) is Annotated:
         kind = get_args(kind)[0]
     return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
-def _fields(kind: Any) -> dict[str, Any]:
+def _list_fields(kind: Any) -> dict[str, Any]:
     """Return the types of a struct's or dataclass's fields, by their names in files; empty for any other type."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return {f.encode_name: f.type for f in msgspec.structs.fields(kind)}
@@ -124,17 +124,17 @@ def _find_part_type(kind: Any, step: Any) -> Any:
 
     ``Any`` where ``kind`` has no such part.
     """
-    for option in _options(kind):
-        if isinstance(step, str) and step in _fields(option):
-            return _fields(option)[step]
+    for option in _list_options(kind):
+        if isinstance(step, str) and step in _list_fields(option):
+            return _list_fields(option)[step]
         inside = get_args(get_args(option)[0] if get_origin(option) is Annotated else option)
         if not isinstance(step, str) and inside:
             return inside[-1 if step == {} else 0]
     return Any
 
 
-def _choices(kind: Any) -> list[str]:
+def _list_choices(kind: Any) -> list[str]:
     """Return the values that an enumeration or a ``Literal`` allows, as text."""
-    enums = [o for o in _options(kind) if isinstance(o, type) and issubclass(o, Enum)]
-    literals = [c for o in _options(kind) if get_origin(o) is Literal for c in get_args(o)]
+    enums = [o for o in _list_options(kind) if isinstance(o, type) and issubclass(o, Enum)]
+    literals = [c for o in _list_options(kind) if get_origin(o) is Literal for c in get_args(o)]
     return [str(c) for c in (*literals, *(member.value for e in enums for member in e))]

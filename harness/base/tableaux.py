@@ -30,11 +30,12 @@ def evaluate_stages(
     combine: Callable[[Any, Any, int, Any], None],
     slope: Callable[[Any, Any, int], None],
 ) -> None:
-    """Evaluate the slopes of a step of h [s] from stage ``first`` on, and leave the state at its end.
+    """Evaluate the slopes of a step of h [s] from stage ``first`` on, and set the state to that at its end.
 
-    ``pair`` has the coefficients a, b, c. ``combine(s, weights, n, h)`` sets the state to the start of the step and h
-    times the weighted sum of the first n slopes; ``slope(s, t, i)`` evaluates that of the state at t, and stores it as
-    slope i. It runs on arrays, writes expressions, and is compiled into steps.
+    ``s`` holds the state and the slopes, ``pair`` the coefficients a, b, c. ``combine(s, weights, n, h)`` sets the
+    state to that at the start of the step plus h times the weighted sum of the first n slopes; ``slope(s, t, i)``
+    evaluates the slope of the state at t, and stores it as slope i. The function runs on arrays, writes expressions,
+    and is compiled into steps.
     """
     n = len(pair.b)
     for i in range(first, n):

@@ -133,54 +133,54 @@ class Sources:
         return ColumnDigests(self.measuring, digest_columns(self.root, self.digest_modules, self.list_versions))
 
     def digest_modules(self, *modules: str, without: tuple[str, ...] = ()) -> str:
-        """Return the digest of modules, ``solvers/rattle``, with all they import and versions of outside packages.
+        """Return one digest of ``modules``, such as ``solvers/rattle``, all they import and versions of packages.
 
-        Modules and folders in ``without`` are left out.
+        Modules and folders in ``without`` are left out. Modules that had to be parsed are cached on disk.
         """
         found = self._digest_imported(*modules, without=without)
-        self._store()
+        self._store_parsed()
         return found
 
     def _digest_imported(self, *modules: str, without: tuple[str, ...] = ()) -> str:
-        """Return what ``digest_modules`` returns, without storing the parsed modules."""
+        """Return the digest that ``digest_modules`` returns; leave the cache on disk as it is."""
         seen, outside = self.list_imported(*modules, without=without)
         return digest_texts([*self.list_versions(outside), *itertools.chain(*sorted(seen.items()))])
 
     def list_versions(self, outside: Iterable[str]) -> list[str]:
-        """Return the locked versions of outside packages, sorted."""
+        """Return the outside packages with their locked versions, ``numpy==2.1.0``, sorted; others are left out."""
         locked, names = self._locked_versions, (LOCKED_AS.get(m, m) for m in outside)
         return sorted(f"{n}=={locked[n]}" for n in names if n in locked)
 
     def list_imported(self, *modules: str, without: tuple[str, ...] = ()) -> tuple[dict[str, str], set[str]]:
-        """Return the files of modules and of all they import, with digests, and the names of outside packages.
+        """Return the files of ``modules`` and of all they import, with digests, and the names of outside packages.
 
-        Modules of ``ARRANGES``, ``without`` and ``SHARED`` are left out unless they are asked for.
+        Modules in ``ARRANGES`` and ``without``, and ``SHARED``, are left out unless they are among ``modules``.
         """
-        asked = [place for m in modules if (place := self._file(m))]
+        asked = [place for m in modules if (place := self._find_file(m))]
         seen, outside, waiting = dict[str, str](), set[str](), list(asked)
         while waiting:
             place = waiting.pop()
             excluded = is_inside(place, (*ARRANGES, *without)) or place == f"{SHARED}.py"
             if place in seen or (place not in asked and excluded):
                 continue
-            source = self._source(place)
+            source = self._read_source(place)
             seen[place] = source.digest
             outside.update(source.outside)
-            waiting += [f for m in source.imports if (f := self._file(m))]
+            waiting += [f for m in source.imports if (f := self._find_file(m))]
             if place.removesuffix("/__init__.py") in LISTED:
                 waiting += [str(p.relative_to(self.root)) for p in sorted((self.root / place).parent.glob("*.py"))]
         return seen, outside
 
     def _digest_marked(self, kind: str) -> dict[str, str]:
-        """Return, by name, the digest of each problem or solver (``kind``) that the catalogue's files define."""
+        """Return, by name, the digest of each entry of a ``kind``, ``problem`` or ``solver``, of the catalogue."""
         out = {}
         for folder in MARKED[kind]:
             for path in sorted((self.root / folder).glob("*.py")):
                 place = f"{folder}/{path.stem}"
-                for mark in self._source(f"{place}.py").marks:
+                for mark in self._read_source(f"{place}.py").marks:
                     if mark.startswith(f"{kind}:"):
                         out[mark.partition(":")[2]] = self._digest_imported(place)
-        self._store()
+        self._store_parsed()
         return dict(sorted(out.items()))
 
     @cached_property
@@ -190,15 +190,15 @@ class Sources:
         return dict(LOCKED.findall(lock.read_text(encoding="utf-8"))) if lock.is_file() else {}
 
     @cache  # noqa: B019 - one object a process
-    def _file(self, module: str) -> str | None:
+    def _find_file(self, module: str) -> str | None:
         """Return the file of a module, relative to the root; None if the package has no such module."""
         for place in (f"{module}.py", f"{module}/__init__.py"):
             if (self.root / place).is_file():
                 return place
         return None
 
-    def _source(self, place: str) -> Source:
-        """Return digest and imports of the module in the file ``place``, parsed unless the same content is cached."""
+    def _read_source(self, place: str) -> Source:
+        """Return digest, imports and entries of the module in the file ``place``; parse it unless it is cached."""
         if place not in self._of:
             content = (self.root / place).read_bytes()
             key = f"{VERSION} {place} {hashlib.sha256(content).hexdigest()}"
@@ -207,7 +207,7 @@ class Sources:
             self._of[place] = self._known[key]
         return self._of[place]
 
-    def _store(self) -> None:
+    def _store_parsed(self) -> None:
         """Write the parsed modules to the cache for the next process; if it cannot be written, only time is lost."""
         if self._fresh and self._keep:
             rows = {k: [s.digest, s.imports, s.outside, s.marks] for k, s in self._known.items()}
@@ -227,7 +227,7 @@ def digest_run_code(problem: str, solver: str, plugins: Iterable[str] = ()) -> s
 
 
 def list_run_digests(problem: str, solver: str, root: Path = ROOT) -> dict[str, str]:
-    """Return the digests of the code in the folder ``root`` that a run is made by, each by the words for its part."""
+    """Return the digests of a run's solver, problem and running code in the folder ``root``, each by a phrase."""
     here = package_sources() if root == ROOT else _open_sources(root)
     return {
         "its solver": here.solvers.get(solver, ""),
@@ -264,14 +264,14 @@ def is_inside(place: str, modules: Iterable[str]) -> bool:
 
 
 def _digest_with(parts: list[str], plugins: Iterable[str]) -> str:
-    """Return the digest of ``parts`` and of the files of plugins, which are appended to ``parts``."""
+    """Return the digest of the texts ``parts``, to which names and digests of the plugins' files are appended."""
     for path in itertools.chain.from_iterable(map(list_sources, plugins)):
         parts += [path.name, hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""]
     return digest_texts(parts)
 
 
 def _read_cached(keep: Path) -> dict[str, Source]:
-    """Return the modules that an earlier process parsed, by version, file and content; empty if unusable."""
+    """Return the parsed modules in the cache file ``keep``, by version, path and content; empty if it is unusable."""
     try:
         rows = json.loads(read_sealed_file(keep, LARGE))
         return {k: Source(str(d), *(tuple(map(str, x)) for x in (i, o, m))) for k, (d, i, o, m) in rows.items()}
@@ -284,14 +284,14 @@ def _parse_source(content: bytes, place: str) -> Source:
     tree = ast.parse(content)
     inside, outside = dict[str, None](), dict[str, None]()
     for module in find_imports(tree, place.removesuffix(".py").split("/")):
-        first, _, rest = module.partition("/")
+        first, _, rest = module.partition("/")  # a path in this package begins with a slash
         (inside if first == "" else outside)[rest if first == "" else first] = None
     marks = tuple(f"{kind}:{name}" for kind, name in _find_marks(tree))
     return Source(digest_texts(flatten(tree)), tuple(inside), tuple(outside), marks)
 
 
 def _find_marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
-    """Yield kind and name of each problem and solver that a module defines: both words in ``@solver("rattle")``."""
+    """Yield kind and name of each problem and solver that a module defines, as in ``@solver("rattle")``."""
     for node in tree.body:
         for call in getattr(node, "decorator_list", ()):
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in MARKED and call.args:

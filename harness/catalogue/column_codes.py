@@ -30,7 +30,7 @@ class _Module:
     )  # by the name used here; of an outside package ("", package)
 
     def add(self, node: ast.stmt) -> None:
-        """Note a statement at the top of the module, under each name that it defines or imports."""
+        """Add a statement at the top of the module, under each name that it defines or imports."""
         if isinstance(node, ast.Import | ast.ImportFrom):
             self.imported |= dict(_resolve_import(node, self.place))
             return
@@ -41,49 +41,57 @@ class _Module:
 def digest_columns(
     root: Path, digest_modules: Callable[..., str], list_versions: Callable[[Iterable[str]], list[str]]
 ) -> dict[str, str]:
-    """Return the digest of the function of each column that the package in ``root`` measures, by the column's name.
+    """Return a digest of all code that determines the value of each measured column, by column.
 
-    ``digest_modules`` gives the digest of whole modules by their paths, ``list_versions`` the versions of packages.
+    The columns are those that the package at ``root`` declares. A digest covers the column's functions, the definitions
+    in ``ROOM`` that they use, whole modules outside ``ROOM``, and the versions of third-party packages. Columns without
+    a function are omitted. ``digest_modules(*paths)`` returns one digest of whole modules with all that they import,
+    ``list_versions(names)`` the locked versions of packages.
     """
-    modules, digests = dict[str, _Module](), dict[tuple[str, ...], str]()
+    parsed_modules, module_digests = dict[str, _Module](), dict[tuple[str, ...], str]()
     out = {}
     for path in sorted((root / DECLARED).glob("*.py")):
         place = f"{DECLARED}/{path.stem}"
-        for name, given in _list_declared(_parse(root, place)):
-            functions = [k for k in given if k.arg in NUMBER]
+        for column, keywords in _list_declared(_parse(root, place)):
+            functions = [keyword for keyword in keywords if keyword.arg in NUMBER]
             if not functions:
                 continue
-            begin = {(place, n) for k in functions for n in _list_names(k.value)}
-            begin |= set() if any(k.arg == "of" for k in functions) else {LARGEST}
-            used, whole, outside = _follow(root, begin, modules)
-            texts = [t for k in functions for t in (str(k.arg), *flatten(k.value))]
-            texts += [t for module, n in sorted(used) for t in (module, n, *flatten(modules[module].defined[n]))]
+            begin = {(place, name) for keyword in functions for name in _list_names(keyword.value)}
+            if all(keyword.arg != "of" for keyword in functions):
+                begin.add(LARGEST)
+            used, whole, packages = _collect_used(root, begin, parsed_modules)
+            texts = [text for keyword in functions for text in (str(keyword.arg), *flatten(keyword.value))]
+            for module, name in sorted(used):
+                texts += [module, name, *flatten(parsed_modules[module].defined[name])]
             if whole:
-                used_whole = tuple(sorted(whole))
-                if used_whole not in digests:
-                    digests[used_whole] = digest_modules(*used_whole)
-                texts.append(digests[used_whole])
-            out[name] = digest_texts([*list_versions(outside), *texts])
+                whole_modules = tuple(sorted(whole))
+                if whole_modules not in module_digests:
+                    module_digests[whole_modules] = digest_modules(*whole_modules)
+                texts.append(module_digests[whole_modules])
+            out[column] = digest_texts([*list_versions(packages), *texts])
     return out
 
 
-def _follow(root: Path, begin: Iterable[Name], modules: dict[str, _Module]) -> tuple[set[Name], set[str], set[str]]:
-    """Return all that names use: the definitions of ``ROOM``, whole modules of other rooms, and outside packages.
+def _collect_used(
+    root: Path, begin: Iterable[Name], modules: dict[str, _Module]
+) -> tuple[set[Name], set[str], set[str]]:
+    """Return all that the names ``begin`` use, directly or indirectly.
 
-    ``modules`` are those parsed before; more are added.
+    These are the definitions in ``ROOM``, the paths of whole modules of other rooms, and the names of outside packages.
+    ``modules`` are those parsed before, by path; newly parsed ones are added.
     """
     used, whole, outside, seen, waiting = set[Name](), set[str](), set[str](), set[Name](), list(begin)
     while waiting:
-        one = waiting.pop()
-        place, name = one
-        if one in seen:
+        definition = waiting.pop()
+        place, name = definition
+        if definition in seen:
             continue
-        seen.add(one)
+        seen.add(definition)
         if place not in modules:
             modules[place] = _read_module(root, place)
         module = modules[place]
         if name in module.defined:
-            used.add(one)
+            used.add(definition)
             waiting += [(place, n) for node in module.defined[name] for n in _list_names(node)]
         elif name in module.imported:
             there, named = module.imported[name]
@@ -123,7 +131,7 @@ def _list_declared(tree: ast.Module) -> Iterator[tuple[str, list[ast.keyword]]]:
 
 
 def _list_defined(node: ast.stmt) -> list[str]:
-    """Return the names that a statement at the top of a module defines."""
+    """Return the names that a statement at the top of a module defines: a function, a class, or variables."""
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         return [node.name]
     targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
@@ -131,7 +139,7 @@ def _list_defined(node: ast.stmt) -> list[str]:
 
 
 def _list_names(node: ast.AST) -> set[str]:
-    """Return the names in a node but for those in annotations, whose types shape no number."""
+    """Return the names in a node of a syntax tree, except those in annotations, since types shape no number."""
     out, waiting = set[str](), [node]
     while waiting:
         one = waiting.pop()
@@ -144,13 +152,16 @@ def _list_names(node: ast.AST) -> set[str]:
 
 
 def _resolve_import(node: ast.Import | ast.ImportFrom, place: str) -> Iterator[tuple[str, Name]]:
-    """Yield each name that an import binds in the module ``place``, with what it stands for."""
+    """Yield each name that an import binds in the module ``place``, with the definition that it stands for.
+
+    An outside package is yielded as ("", its name).
+    """
     for alias in node.names:
         bound = alias.asname or alias.name.split(".")[0]
         single = type(node)(**{**vars(node), "names": [alias]})
         found = list(find_imports(ast.Module([single], []), place.split("/")))
         last = found[-1]
-        if last.startswith("/"):
+        if last.startswith("/"):  # a path in this package
             there, _, named = last[1:].rpartition("/")
             yield bound, (there, named)
         else:

@@ -15,7 +15,8 @@ SCHEMA = 1
 def describe_problem(problem: Problem) -> dict[str, Any]:
     """Return the problem as a dict for JSON: SI units, bodies numbered from 0, the ground is -1.
 
-    Raise ValueError for a problem with user forces, which are code.
+    Points ``_i`` are in the frame of body i, points ``_j`` in that of body j or in space. Raise ValueError for a
+    problem with user forces, which are code.
     """
     s, start = problem.system, problem.initial
     if len(s.user_i):
@@ -81,7 +82,10 @@ def describe_problem(problem: Problem) -> dict[str, Any]:
 
 
 def _describe_joint(s: MultibodySystem, k: int) -> dict[str, Any]:
-    """Return joint ``k`` as a dict of plain numbers: its bodies, arms [m] and the directions that its kind needs."""
+    """Return joint ``k`` as a dict of plain numbers: its bodies, arms [m] and the directions that its kind needs.
+
+    Arms and directions of body i and body j are in the frames of these bodies.
+    """
     both = {
         "name": s.joint_names[k],
         "i": s.joint_i[k],

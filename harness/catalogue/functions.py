@@ -26,7 +26,7 @@ from ..mechanics.step_time import REMEDY, begin_step
 from ..mechanics.system import MultibodySystem
 from ..mechanics.types import Problem, Status, StepControl, Trajectory
 from .options import option
-from .registry import keyword_options, solver
+from .registry import read_keyword_options, solver
 
 METHODS = {m.__name__: m for m in (si.RK23, si.RK45, si.DOP853, si.Radau, si.BDF, si.LSODA)}
 # from (t [s], state at t) to the next accepted step: its t [s], state, and reaction or None
@@ -42,35 +42,36 @@ class StepFailed(Exception):
 def step(name: str, *, order: float = math.nan, refuses: Refuses | None = None) -> Callable[[Callable[..., Any]], type]:
     """Return a decorator that turns a function ``(system, state, dt) -> state`` into a solver with fixed steps dt [s].
 
-    The function may also return ``(state, reaction)``. Its keyword parameters annotated with a ``Parameter`` are
+    The function may also return ``(state, reaction)``. Its keyword parameters annotated with a ``Parameter`` become
     options of the solver ``name``. ``order`` is the power of dt with which its error falls (NaN: none is claimed).
-    ``refuses(system, state)`` returns why it cannot take a problem with this start, or None.
+    ``refuses(system, state)`` returns the reason why it cannot take a problem with this start, or None.
     """
-    return lambda function: _solver_from(function, name, _Steps, {"order": order}, refuses)
+    return lambda function: _make_solver_class(function, name, _Steps, {"order": order}, refuses)
 
 
 def rhs(name: str, *, refuses: Refuses | None = None) -> Callable[[Callable[..., Any]], type]:
-    """Return a decorator that turns a function ``(system, state) -> Rates`` into a solver with error control.
+    """Return a decorator that makes an adaptive solver called ``name`` from a function ``(system, state) -> Rates``.
 
-    The option ``method`` of the solver ``name`` is one of scipy's, which integrates the accelerations that the function
-    returns. ``refuses(system, state)`` returns why it cannot take a problem with this start, or None.
+    Its option ``method`` selects the integrator of scipy. ``refuses(system, state)`` returns the reason why the solver
+    does not accept this system and initial state, or None.
     """
-    return lambda function: _solver_from(function, name, _Rates, {}, refuses)
+    return lambda function: _make_solver_class(function, name, _Rates, {}, refuses)
 
 
-def _solver_from(
+def _make_solver_class(
     function: Callable[..., Any],
     name: str,
     base: "type[_Steps | _Rates]",
     declared: dict[str, Any],
     refuses: Refuses | None,
 ) -> type:
-    """Return a class, registered as solver ``name``, that integrates by the author's ``function``, as ``base`` does.
+    """Return a solver class, marked as solver ``name``, that integrates by the author's ``function``.
 
-    ``declared`` are further attributes of the class, such as its order. ``refuses`` is the author's, or None.
+    It is derived from ``base``, which calls the function once per step or per evaluation. ``declared`` are further
+    attributes of the class, such as its order; ``refuses`` is the author's, or None.
     """
-    own = keyword_options(f"solver {name}", function, len(base.TAKES))
-    fields = [(k, type(default), option(default, p.doc, p.unit, **_limits(p))) for k, (default, p) in own.items()]
+    own = read_keyword_options(f"solver {name}", function, len(base.TAKES))
+    fields = [(k, type(default), option(default, p.doc, p.unit, **_list_limits(p))) for k, (default, p) in own.items()]
     body = {
         **declared,
         "function": staticmethod(function),
@@ -91,8 +92,8 @@ def _solver_from(
     return solver(name)(made)
 
 
-def _limits(p: Any) -> dict[str, Any]:
-    """Return the limits of a Parameter (choices, above, at_least, at_most) as keywords of ``option``."""
+def _list_limits(p: Any) -> dict[str, Any]:
+    """Return the allowed values of a Parameter (choices, above, at_least, at_most) as keywords of ``option``."""
     return {k: v for k, v in vars(p).items() if k not in ("doc", "unit")}
 
 
@@ -129,7 +130,10 @@ class _Steps(_FromFunction):
         done = 0
 
         def advance(t: float, s: State) -> tuple[float, State, np.ndarray | None]:
-            """Return time [s], state and reaction one step after ``t``; raise an error for an invalid result."""
+            """Return time [s], state and reaction one step after the state ``s`` at ``t`` [s].
+
+            Raise TypeError or ValueError if the author's function returns something invalid.
+            """
             nonlocal done
             done += 1
             ahead = problem.t_end if done == steps else done * dt
@@ -157,14 +161,14 @@ class _Rates(_FromFunction):
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate (r, quaternion, v, Omega), Omega in the body frame, and record the method's accepted steps.
 
-        atol equals rtol. What fails before the first step is raised, since there is no motion to keep: StepFailure if
-        CPU time is over, StepFailed and others from the author's function.
+        atol equals rtol. An error before the first step is raised, since there is no motion to keep: StepFailure if the
+        limit on CPU time is reached, StepFailed and others from the author's function.
         """
         start_time, nb = solver_seconds(), problem.system.nb
         cuts = np.cumsum([3, 4, 3]) * nb
 
         def rates(s: State) -> Rates:
-            """Return the accelerations and reactions that the author's function gives; raise TypeError otherwise."""
+            """Return the accelerations and reactions that the author's function gives at ``s``; check their type."""
             with begin_step(s.t):
                 found = self.call(problem.system, s)
             if not isinstance(found, Rates):
@@ -177,11 +181,13 @@ class _Rates(_FromFunction):
             return State(r, Rotation.from_quat(q, scalar_first=True).as_matrix(), v, Omega, t)
 
         def y_dot(t: float, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-            """Return the time derivative of scipy's vector y at ``t`` [s]; raise StepFailure if CPU time is over."""
+            """Return the time derivative of scipy's vector y at ``t`` [s]; raise StepFailure at the limit of CPU."""
             _check_clock(control, start_time)
             d, q = rates(state(t, y)), y[cuts[0] : cuts[1]].reshape(nb, 4)
             turning = np.concatenate((np.zeros((nb, 1)), d.Omega), axis=1)
-            return np.concatenate([a.ravel() for a in (d.v, 0.5 * _product(q, turning), d.v_dot, d.Omega_dot)])
+            return np.concatenate(
+                [a.ravel() for a in (d.v, 0.5 * _multiply_quaternions(q, turning), d.v_dot, d.Omega_dot)]
+            )
 
         start = problem.initial
         q = Rotation.from_matrix(start.R).as_quat(scalar_first=True)
@@ -192,9 +198,9 @@ class _Rates(_FromFunction):
             run = METHODS[self.method](y_dot, 0.0, y, problem.t_end, **limits)
 
         def advance(t: float, s: State) -> tuple[float, State, np.ndarray | None]:
-            """Return time, state and reaction after scipy's next step; raise StepFailure if it cannot take one.
+            """Return time [s], state and reaction after scipy's next step; raise StepFailure if it cannot take one.
 
-            scipy keeps time and state itself, so that those given, which are the same, are not read.
+            The arguments are not used, since scipy keeps the same time and state itself.
             """
             with np.errstate(all="ignore"):
                 said = run.step()
@@ -216,16 +222,17 @@ def _march(
 ) -> Trajectory:
     """March by ``advance`` from the problem's start to its end, and return the motion with all accepted steps.
 
-    ``first`` is the reaction at the start (None: unknown), ``counters()`` returns at the end what the method counted.
-    ``calls`` has the calls of ``accelerations`` before the first step; if there are any calls, their numbers replace
-    those of ``counters``. An error in a step becomes the status of the motion, which keeps the steps before it.
+    ``first`` is the reaction at the start (None: unknown). ``counters()`` is called at the end and returns what the
+    method counted; ``calls`` counts the calls of ``accelerations`` before the first step (None: none). If that is ever
+    called, these numbers replace those of ``counters``. An error in a step becomes the status of the motion, which
+    keeps the steps before it.
     """
     start_time = solver_seconds()
     times, states, reactions = [0.0], [problem.initial], [first]
     count = calls or CallCount()
 
     def take_step() -> None:
-        """Append the next step; raise ``StepFailure`` where it fails."""
+        """Append the next step to the motion and, when due, pass steps to the spool; raise StepFailure if it fails."""
         try:
             with collect_counts(count):
                 t, s, reaction = advance(times[-1], states[-1])
@@ -260,7 +267,10 @@ def _march(
 
 
 def describe_redundant_rows(problem: Problem) -> str:
-    """Return what to do about redundant constraint rows, which make a saddle-point matrix singular, or ""."""
+    """Return advice on the redundant constraint rows of a problem, which make a saddle-point matrix singular.
+
+    Empty if it has none.
+    """
     rows, rank = problem.system.nrows, len(independent_rows(problem.system, problem.initial))
     if rank == rows:
         return ""
@@ -281,7 +291,7 @@ def _stack_states(states: list[State]) -> States:
     return States(*(np.array([getattr(s, name) for s in states]) for name in ("r", "R", "v", "Omega")))
 
 
-def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Return the product of quaternions (nb, 4), w first."""
+def _multiply_quaternions(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Return the products p q of two arrays of quaternions (nb, 4), w first."""
     w, u, x, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
     return np.concatenate((w * x - np.sum(u * v, axis=1)[:, None], w * v + x * u + np.cross(u, v)), axis=1)

@@ -53,9 +53,9 @@ class MechanismFile(ABC):
 
 @cache
 def load_readers() -> Any:
-    """Return the module that reads mechanisms' files; None in a copy of the package without the room of formats.
+    """Return the module that reads mechanisms' files; None in a copy of the package without ``harness/formats``.
 
-    It is imported by the first call, which a process makes before it forks runs and times what plug-ins take.
+    The first call imports it. A process that forks runs makes that call before, so that no run is charged for it.
     """
     harness = (__package__ or "").rpartition(".")[0]
     there = importlib.util.find_spec(f"{harness}.{READERS.partition('.')[0]}")
@@ -75,7 +75,7 @@ def is_mechanism(name: str) -> bool:
 
 
 def choose_name(path: str | Path) -> str:
-    """Return the problem name of a file: its stem, with characters that a shell would quote replaced by ``_``."""
+    """Return the name of the problem in a file: its stem, with ``_`` for characters that a shell would quote."""
     return re.sub(r"[^\w+-]+", "_", Path(path).stem)
 
 

@@ -15,7 +15,7 @@ OFFERS = {  # the solver of each, by name of the attribute
 
 
 def find_offer(name: str) -> Any:
-    """Return what a solver offers under ``name``, a key of ``OFFERS``; raise ValueError where there is none."""
+    """Return the attribute ``name`` of the solver's class that ``OFFERS`` names; raise ValueError if it is missing."""
     entry = registry.solvers().get(OFFERS[name])
     found = getattr(entry.make, name, None) if entry else None
     if found is None:

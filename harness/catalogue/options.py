@@ -32,7 +32,10 @@ def option(default: Any, doc: str, unit: str = "", **limits: Any) -> Any:
 
 
 def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any:
-    """Return ``given`` (text or number) as the type of ``default``; raise ValueError if it is not allowed."""
+    """Return the value of the parameter ``name``, ``given`` as text or number, in the type of its ``default``.
+
+    Raise ValueError if it cannot be converted, is not finite, or is not among the values that ``parameter`` allows.
+    """
     value = _convert_value(default, given, name)
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     if parameter.choices and value not in parameter.choices:
@@ -56,7 +59,10 @@ def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any
 
 
 def _convert_value(default: Any, given: Any, name: str) -> Any:
-    """Return ``given`` as the type of ``default``; raise ValueError, which names ``name``, if that is impossible."""
+    """Return ``given`` in the type of ``default``; raise ValueError with the parameter's ``name`` if impossible.
+
+    A tuple may be given as text, ``(1, 2, 3)``, and a switch as ``on`` or ``yes``.
+    """
     wanted = "true or false"
     try:
         if isinstance(default, bool):

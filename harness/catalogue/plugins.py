@@ -21,11 +21,11 @@ GROUPS = ("mbsbench.problems", "mbsbench.solvers")  # groups of entry points
 
 def resolve_plugin(plugin: str, beside: Path = Path()) -> str:
     """Return the absolute path of a plugin's file, given relative to ``beside``, or an entry point's name unchanged."""
-    return str((beside / plugin).resolve()) if is_file(plugin) else plugin
+    return str((beside / plugin).resolve()) if is_path(plugin) else plugin
 
 
-def is_file(plugin: str) -> bool:
-    """Return whether ``plugin`` is a path: names of entry points have no slash and no ending of a file."""
+def is_path(plugin: str) -> bool:
+    """Return whether ``plugin`` is a path: names of entry points have no slash and no file extension."""
     return "/" in plugin or plugin.endswith(".py") or mechanism.is_mechanism(plugin)
 
 
@@ -33,20 +33,23 @@ def list_sources(plugin: str) -> tuple[Path, ...]:
     """Return the files of a plugin on whose content a result depends; empty if none can be found."""
     if mechanism.is_mechanism(plugin):
         return mechanism.list_files(Path(plugin))
-    if is_file(plugin):
+    if is_path(plugin):
         return (Path(plugin),)
-    spec = importlib.util.find_spec(_entry_point(plugin).module)
+    spec = importlib.util.find_spec(_find_entry_point(plugin).module)
     return (Path(spec.origin),) if spec and spec.origin else ()
 
 
 def load_plugin(plugin: str) -> Any:
-    """Return the module, the mechanism, or the object of an entry point; any error of the import is raised."""
+    """Return the imported module of a Python file, the mechanism in a file, or the object of an entry point.
+
+    Any error of the import is raised.
+    """
     if mechanism.is_mechanism(plugin):
         return mechanism.read_mechanism(Path(plugin))
-    return _module(Path(plugin)) if is_file(plugin) else _entry_point(plugin).load()
+    return _import_file(Path(plugin)) if is_path(plugin) else _find_entry_point(plugin).load()
 
 
-def _module(path: Path) -> ModuleType:
+def _import_file(path: Path) -> ModuleType:
     """Run a Python file as a module with a unique name, and return it; raise ValueError if it is no Python file."""
     name = f"mbsbench_plugin_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
     if not path.is_file():
@@ -66,7 +69,7 @@ def entry_points() -> dict[str, importlib.metadata.EntryPoint]:
     return {e.name: e for group in GROUPS for e in importlib.metadata.entry_points(group=group)}
 
 
-def _entry_point(name: str) -> importlib.metadata.EntryPoint:
+def _find_entry_point(name: str) -> importlib.metadata.EntryPoint:
     """Return the entry point ``name`` of an installed package, not yet loaded; raise ValueError if there is none."""
     known = entry_points()
     if name not in known:

@@ -33,7 +33,7 @@ from ..mechanics.user_forces import present_laws
 from . import mechanism, plugins
 from .mechanism import MechanismFile
 from .options import Parameter, read_value
-from .turns import keep_turns
+from .turns import continue_past_half_turn
 
 T = TypeVar("T")
 PROBLEMS, SOLVERS = ("problems",), ("solvers", "solvers/engines")  # folders of our own entries
@@ -84,13 +84,13 @@ class SolverEntry:
 
     def make_solver(self, options: Mapping[str, Any] | None = None) -> Solver:
         """Return the solver with ``options`` (numbers or text); raise ValueError if one is unknown or invalid."""
-        return self.make(**_read("option", f"solver {self.name}", self.parameters, options or {}))
+        return self.make(**_read_values("option", f"solver {self.name}", self.parameters, options or {}))
 
 
 def read_declaration(solver: Solver) -> tuple[str, float]:
-    """Return the paper's name of ``solver`` and the order in dt that it claims (NaN: none).
+    """Return the name that the paper gives to ``solver`` and the order in dt that it claims (NaN: none).
 
-    Raise TypeError if the order is not a number > 0 or NaN.
+    Raise TypeError if its attribute ``order`` is not a number > 0 or NaN, or ``paper_label`` is no text.
     """
     label, order = getattr(solver, "paper_label", None), getattr(solver, "order", math.nan)
     where = f"solver {solver.name}"
@@ -120,18 +120,18 @@ def problem(name: str, tests: Sequence[Trait] = ()) -> Callable[[Callable[..., P
 def solver(name: str) -> Callable[[type], type]:
     """Return a decorator that marks the dataclass of a solver file as the solver ``name``.
 
-    Its ``solve`` is wrapped by ``keep_turns``, unless its attribute ``own_angles`` says that it counts turns of
-    torsional springs itself.
+    Its ``solve`` is wrapped by ``continue_past_half_turn``, unless its attribute ``own_angles`` says that it counts the
+    turns of torsional springs itself.
     """
 
     def mark(cls: Any) -> type:
-        """Mark the class with the solver's name, wrap its ``solve``, and return it."""
+        """Mark the class with the solver's name, wrap its ``solve`` unless it counts turns itself, and return it."""
         setattr(cls, _MARK, name)
         cls.name = name
         solve = getattr(cls, "solve", None)  # a missing one, or one that is no function, is refused later in one line
         # some engines count turns themselves
         if isinstance(solve, FunctionType) and not getattr(cls, "own_angles", False):
-            cls.solve = keep_turns(solve)
+            cls.solve = continue_past_half_turn(solve)
         return cls  # type: ignore[no-any-return]
 
     return mark
@@ -147,7 +147,7 @@ class _Catalogue(Mapping[str, T]):
     def __getitem__(self, name: str) -> T:
         if name in self._of_plugins:
             return self._of_plugins[name]
-        return _own_entry(self._entry, _locate_entries(*self._folders)[name], name)
+        return _import_entry(self._entry, _locate_entries(*self._folders)[name], name)
 
     def __contains__(self, name: object) -> bool:
         return name in self._of_plugins or name in _locate_entries(*self._folders)
@@ -192,13 +192,13 @@ def is_own_solver(name: str) -> bool:
 
 
 def is_own_class(cls: type) -> bool:
-    """Return whether ``cls`` is the very class of a solver of ``solvers/``; its ``__module__`` may be forged."""
+    """Return whether ``cls`` is itself the class of a solver of ``solvers/``; its ``__module__`` might be forged."""
     name = vars(cls).get(_MARK, "")
     return is_own_solver(name) and solvers()[name].make is cls
 
 
 def make_entry_of_class(cls: type) -> SolverEntry:
-    """Return the entry of a class marked ``@solver`` that need not be in the catalogue.
+    """Return the entry of a class marked ``@solver``, which need not be in the catalogue.
 
     Raise ValueError if it is not marked, is no valid solver, or has the name of another solver of the catalogue.
     """
@@ -215,9 +215,9 @@ def make_entry_of_class(cls: type) -> SolverEntry:
 
 
 def import_seconds(name: str) -> tuple[float, float]:
-    """Return the CPU times [s] of importing the plugin that defines this entry, and of compilation meanwhile.
+    """Return the CPU times [s] that the import of the plugin with the entry ``name`` took, without and for compilation.
 
-    The first excludes the second. Both are 0 for our own entries. The import may have taken place before a fork.
+    Both are 0 for our own entries. The import may have taken place before this process was forked.
     """
     return _import_seconds.get(name, (0.0, 0.0))
 
@@ -239,7 +239,7 @@ def load_plugin(plugin: Path | str) -> None:
         if isinstance(named, MechanismFile):
             made = [(named.name, _make_mechanism_entry(named))]
         else:
-            found = _entries_of(named) if isinstance(named, ModuleType) else _list_marks([named])
+            found = _list_entries(named) if isinstance(named, ModuleType) else _list_marks([named])
             if not found:
                 raise ValueError("it marks no @problem and no @solver")
             made = [
@@ -263,7 +263,7 @@ def load_plugin(plugin: Path | str) -> None:
 
 
 def _describe_owner(name: str) -> str:
-    """Return the end of a message on a name that is taken: the mechanism's file or the catalogue that has it."""
+    """Return the end of a message on a name that is taken: `` by`` with the mechanism's file or the catalogue."""
     others = [w for w in _mechanisms if w in _plugin_files and mechanism.choose_name(w) == name]
     return f" by {others[0]}" if others else " by one of the catalogue"
 
@@ -290,7 +290,7 @@ _plugin_solvers: dict[str, SolverEntry] = {}
 
 @cache
 def _locate_entries(*folders: str) -> Mapping[str, str]:
-    """Return the folder of each of our entries, by name; a file is named after its entry."""
+    """Return the folder of each of our own entries in ``folders``, by name; a file is named after its entry."""
     root = Path(__file__).resolve().parents[2]
     found = {
         m.name: folder
@@ -302,10 +302,13 @@ def _locate_entries(*folders: str) -> Mapping[str, str]:
 
 
 @cache
-def _own_entry(entry: Callable[[str, Any], T], folder: str, name: str) -> T:
-    """Import a file of ``problems/`` or ``solvers/`` and return the entry that ``entry`` makes of its marked object."""
+def _import_entry(entry: Callable[[str, Any], T], folder: str, name: str) -> T:
+    """Import a file of ``problems/`` or ``solvers/`` and return the entry that ``entry`` makes of its marked object.
+
+    Raise TypeError unless the file marks exactly one object, as ``name``.
+    """
     loaded = importlib.import_module(f"...{folder.replace('/', '.')}.{name}", __package__)
-    marked = _entries_of(loaded)
+    marked = _list_entries(loaded)
     if [n for n, _ in marked] != [name]:
         raise TypeError(f"{folder}/{name}.py must mark one entry, {name!r} (found {[n for n, _ in marked]})")
     return entry(*marked[0])
@@ -314,20 +317,20 @@ def _own_entry(entry: Callable[[str, Any], T], folder: str, name: str) -> T:
 def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
     """Return the problem ``name``, or the one in a mechanism's file, with ``parameters`` (numbers or text).
 
-    Its start is checked and, if asked, perturbed; it is rotated and given its presentation. Raise ValueError if
-    anything is invalid.
+    Its start is checked. By its common parameters the start is perturbed, everything is rotated, and the presentation
+    and the end time are set; the defaults change nothing. Raise ValueError if anything is invalid.
     """
     if mechanism.is_mechanism(name):
         load_plugin(name)
         name = mechanism.choose_name(name)
     entry = find_entry("problem", name, problems())
-    values = _read("parameter", f"problem {name}", entry.parameters, parameters or {})
+    values = _read_values("parameter", f"problem {name}", entry.parameters, parameters or {})
     made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})
     made.check_begin()
     check_start(made.system, made.initial, literal=made.literal_start)
     if values["perturb"] > 0.0:
         made = dataclasses.replace(made, initial=perturb(made.system, made.initial, values["perturb"], values["seed"]))
-    made = rotate_problem(made, so3.exp(np.array(values["rotation"])) @ _yaw(made.system, values["yaw"]))
+    made = rotate_problem(made, so3.exp(np.array(values["rotation"])) @ _make_yaw(made.system, values["yaw"]))
     presentation = Presentation(**{field.name: values[field.name] for field in dataclasses.fields(Presentation)})
     presentation.system(made.system)  # raises an error for a joint that does not exist
     if values["retrace"] and made.system.is_timed:
@@ -342,10 +345,10 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
 
 
 def share_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
-    """Return the problem as ``make_problem`` does; one of our own is made once a process, for callers that only read.
+    """Return the problem as ``make_problem`` does; one of our own is made once per process, for callers that read it.
 
-    A suite and its estimate of times ask for each variant a hundred times. Runs get the problem that ``make_problem``
-    makes for them alone: a solver's set-up must not find what another has left in it.
+    A suite and its estimate of times request each variant a hundred times. Runs must use ``make_problem`` instead: a
+    solver's set-up must not find what another solver has left in the problem.
     """
     try:
         text = json.dumps(parameters or {}, sort_keys=True)
@@ -366,18 +369,21 @@ def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:
 
 
 def rotate_problem(p: Problem, Q: np.ndarray) -> Problem:
-    """Return ``p`` in a space rotated by ``Q``: ground points and axes, gravity, start and reference."""
+    """Return the problem ``p`` with all that is fixed in space rotated by ``Q``: the ground's points, gravity, start.
+
+    Its frame is rotated too, by which observables and the reference are converted.
+    """
     if np.array_equal(Q, np.eye(3)):
         return p
     start = rotate_states(States.one(p.initial), Q)[0]
-    return dataclasses.replace(p, system=_turn_system(p.system, Q), initial=start, frame=Q @ p.frame)
+    return dataclasses.replace(p, system=_rotate_system(p.system, Q), initial=start, frame=Q @ p.frame)
 
 
-def _turn_system(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
-    """Return the system with everything that is fixed in space rotated by ``Q``; frames of bodies stay as they are."""
+def _rotate_system(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
+    """Return the system with all vectors that are fixed in space rotated by ``Q``; those in body frames stay."""
 
-    def turn(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Return the vectors ``a`` rotated by Q where their ``ends`` are on the ground, the others as they are."""
+    def rotate(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Return the vectors ``a`` (n, ..., 3), rotated by Q where ``ends`` (n,) is the ground, read-only."""
         out: np.ndarray = np.where((ends == GROUND).reshape(-1, *[1] * (a.ndim - 1)), a @ Q.T, a)
         out.setflags(write=False)
         return out
@@ -385,28 +391,30 @@ def _turn_system(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
     in_space = np.where(s.load_follows, 0, GROUND)
     return dataclasses.replace(
         s,
-        gravity=turn(s.gravity[None], np.array([GROUND]))[0],
-        joint_s_j=turn(s.joint_s_j, s.joint_j),
-        joint_n=turn(s.joint_n, s.joint_j),
-        spring_p_j=turn(s.spring_p_j, s.spring_j),
-        torsion_n=turn(s.torsion_n, s.torsion_j),
-        load_force=turn(s.load_force, in_space),
-        load_torque=turn(s.load_torque, in_space),
+        gravity=rotate(s.gravity[None], np.array([GROUND]))[0],
+        joint_s_j=rotate(s.joint_s_j, s.joint_j),
+        joint_n=rotate(s.joint_n, s.joint_j),
+        spring_p_j=rotate(s.spring_p_j, s.spring_j),
+        torsion_n=rotate(s.torsion_n, s.torsion_j),
+        load_force=rotate(s.load_force, in_space),
+        load_torque=rotate(s.load_torque, in_space),
         user_law=present_laws(s.user_law, Q),
     )
 
 
-def _yaw(system: MultibodySystem, angle: float) -> np.ndarray:
-    """Return the rotation by ``angle`` [rad] about the direction against gravity, or about Z without gravity."""
+def _make_yaw(system: MultibodySystem, angle: float) -> np.ndarray:
+    """Return the rotation matrix of ``angle`` [rad] about the direction against gravity; about Z without gravity."""
     g = float(np.linalg.norm(system.gravity))
     return so3.exp(angle * (-system.gravity / g if g > 0.0 else np.array([0.0, 0.0, 1.0])))
 
 
-def _read(what: str, of: str, known: Mapping[str, tuple[Any, Parameter]], given: Mapping[str, Any]) -> dict[str, Any]:
+def _read_values(
+    what: str, of: str, known: Mapping[str, tuple[Any, Parameter]], given: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return the values of all ``known`` parameters: those ``given``, parsed from numbers or text, or the defaults.
 
-    Raise ValueError for an unknown name or a value out of its limits; ``what`` and ``of`` name it in the message, such
-    as ``option`` and ``solver rattle``.
+    Raise ValueError for an unknown name or an invalid value. ``what`` and ``of`` are words of the message, such as
+    ``option`` and ``solver rattle``.
     """
     for key in given:
         if key not in known:
@@ -414,7 +422,7 @@ def _read(what: str, of: str, known: Mapping[str, tuple[Any, Parameter]], given:
     return {k: read_value(k, given[k], default, p) if k in given else default for k, (default, p) in known.items()}
 
 
-def _entries_of(module: ModuleType) -> list[tuple[str, Any]]:
+def _list_entries(module: ModuleType) -> list[tuple[str, Any]]:
     """Return name and object of each problem and solver that a module itself defines."""
     return _list_marks([o for o in vars(module).values() if getattr(o, "__module__", None) == module.__name__])
 
@@ -425,16 +433,16 @@ def _list_marks(objects: list[Any]) -> list[tuple[str, Any]]:
     return [(vars(o)[_MARK], o) for o in objects if _MARK in getattr(o, "__dict__", {})]
 
 
-def _first_line(o: Any) -> str:
+def _read_first_line(o: Any) -> str:
     """Return the first line of an object's docstring; empty if it has none."""
     return (inspect.getdoc(o) or "").split("\n")[0]
 
 
-def keyword_options(where: str, function: Callable[..., Any], others: int = 0) -> dict[str, tuple[Any, Parameter]]:
-    """Return default and ``Parameter`` of each keyword of ``function`` after its first ``others`` parameters.
+def read_keyword_options(where: str, function: Callable[..., Any], others: int = 0) -> dict[str, tuple[Any, Parameter]]:
+    """Return default and ``Parameter`` of each keyword of ``function``, except its first ``others`` parameters.
 
-    Raise TypeError, which names ``where``, unless all of them are keyword-only, annotated with a Parameter, and have a
-    default.
+    Raise TypeError, whose message begins with ``where``, unless all of them are keyword-only, annotated with a
+    Parameter, and have a default.
     """
     own: dict[str, tuple[Any, Parameter]] = {}
     for p in list(inspect.signature(function).parameters.values())[others:]:
@@ -448,9 +456,9 @@ def keyword_options(where: str, function: Callable[..., Any], others: int = 0) -
 
 def _make_problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
     """Return the entry of a function marked ``@problem``, with its own and the common parameters."""
-    own = keyword_options(f"problem {name}", function)
+    own = read_keyword_options(f"problem {name}", function)
     tests = getattr(function, _TESTS)
-    return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function), tests)
+    return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _read_first_line(function), tests)
 
 
 def _make_mechanism_entry(m: MechanismFile) -> ProblemEntry:
@@ -473,4 +481,4 @@ def _make_solver_entry(name: str, cls: Any) -> SolverEntry:
         if "parameter" not in f.metadata or f.default is dataclasses.MISSING:
             raise TypeError(f"solver {name}: {f.name} must be made by mbsbench.option, with a default")
     own = {f.name: (f.default, f.metadata["parameter"]) for f in dataclasses.fields(cls)}
-    return SolverEntry(name, cls, own, _first_line(cls), read_declaration(cls())[0], cls.control)
+    return SolverEntry(name, cls, own, _read_first_line(cls), read_declaration(cls())[0], cls.control)

@@ -10,13 +10,13 @@ SHAPED = ("Bool", "Complex", "Float", "Inexact", "Int", "Num", "Shaped")  # type
 
 
 def find_imports(tree: ast.AST, place: list[str]) -> Iterator[str]:
-    """Yield the modules that a module imports, and names imported from them, as paths.
+    """Yield the modules that a module imports, and the names that it imports from them, as paths.
 
-    Outside packages are yielded by their first name. A path in this package begins with a slash,
-    ``/harness/base/files``, and the packages that contain it are yielded too, since importing it runs them. ``place``
-    is the path of the module, in parts.
+    A path in this package begins with a slash, ``/harness/base/files``, and the packages that contain it are yielded
+    too, since an import runs them. Outside packages are yielded by their first name alone. ``tree`` is the syntax tree
+    of the module, ``place`` its own path as a list.
     """
-    for node in walk_run(tree):
+    for node in walk_executed(tree):
         if isinstance(node, ast.Import):
             named = [a.name.split(".") for a in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -32,7 +32,7 @@ def find_imports(tree: ast.AST, place: list[str]) -> Iterator[str]:
                 yield parts[0]
 
 
-def walk_run(tree: ast.AST) -> Iterator[ast.AST]:
+def walk_executed(tree: ast.AST) -> Iterator[ast.AST]:
     """Yield the nodes of a syntax tree except those under ``if TYPE_CHECKING``, which never run."""
     waiting = [tree]
     while waiting:
@@ -47,12 +47,12 @@ def walk_run(tree: ast.AST) -> Iterator[ast.AST]:
 def flatten(node: object) -> list[str]:
     """Return a syntax tree as texts that are equal in all versions of Python, without docstrings and array shapes."""
     out: list[str] = []
-    _append(node, out)
+    _append_texts(node, out)
     return out
 
 
-def _append(node: object, out: list[str]) -> None:
-    """Append the texts of a part of a syntax tree to ``out``."""
+def _append_texts(node: object, out: list[str]) -> None:
+    """Append the texts of a node, list or value of a syntax tree to ``out``, without docstrings and array shapes."""
     if isinstance(node, ast.AST):
         out.append(type(node).__name__)
         if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id in SHAPED:
@@ -62,14 +62,16 @@ def _append(node: object, out: list[str]) -> None:
             if value is None or value == [] or name in WITHOUT:
                 continue
             out.append(f".{name}")
-            _append(value, out)
+            _append_texts(value, out)
         out.append(")")
     elif isinstance(node, list):
-        for one in node:
-            if not (
-                isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant) and isinstance(one.value.value, str)
+        for item in node:
+            if not (  # a docstring
+                isinstance(item, ast.Expr)
+                and isinstance(item.value, ast.Constant)
+                and isinstance(item.value.value, str)
             ):
-                _append(one, out)
+                _append_texts(item, out)
     else:
         out.append(f"{type(node).__name__} {node!r}")
 

@@ -20,9 +20,10 @@ MEMORY = 4000.0  # [MB]
 
 
 def try_in_process(what: str, attempt: Callable[[], T]) -> T:
-    """Return ``attempt()``, once it has returned in another process; raise ValueError in one line otherwise.
+    """Call ``attempt`` in another process first, then in this one; return its result.
 
-    ``what`` names the attempt in that line, ``problem heavy_top`` for example.
+    Raise ValueError in one line if either call fails; ``what`` names the attempt there, for example
+    ``problem heavy_top``. In a process with several threads, which cannot be forked safely, it is called here only.
     """
     if threading.active_count() == 1:  # otherwise an earlier plugin has started a thread, and nothing can be forked
         complaint = _try_in_child(what, attempt)

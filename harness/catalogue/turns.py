@@ -27,32 +27,32 @@ PIECES = 10_000  # most pieces of a motion, each a solve with its own start: a s
 Solve = Callable[[Any, Problem, StepControl], Trajectory]
 
 
-def keep_turns(solve: Solve) -> Solve:
-    """Return a method ``solve`` that follows torsional springs through any number of turns.
+def continue_past_half_turn(solve: Solve) -> Solve:
+    """Wrap a method ``solve`` such that it follows torsional springs through any number of turns, and return it.
 
-    It calls the given ``solve``, and calls it again for each further piece of the motion. A method that is wrapped
-    already is returned as it is.
+    The wrapper calls ``solve`` once and, if a spring leaves half a turn, again for each further piece of the motion. A
+    method that is wrapped already is returned as it is.
     """
     if getattr(solve, "counts_turns", False):
         return solve
 
     @functools.wraps(solve)
-    def whole(self: Any, problem: Problem, control: StepControl) -> Trajectory:
-        """Solve the problem; continue in pieces if a torsional spring leaves half a turn."""
+    def solve_all_pieces(self: Any, problem: Problem, control: StepControl) -> Trajectory:
+        """Return the motion of the problem, continued in pieces if a torsional spring leaves half a turn."""
         found = solve(self, problem, control)
         if not isinstance(found, Trajectory):  # reported by the caller
             return found
-        right = _count_right(problem.system, found)
+        right = _count_valid_rows(problem.system, found)
         if right == len(found.t):
             return found
         return _continue_motion(functools.partial(solve, self), problem, control, found, right)
 
-    whole.counts_turns = True  # type: ignore[attr-defined]
-    return whole
+    solve_all_pieces.counts_turns = True  # type: ignore[attr-defined]
+    return solve_all_pieces
 
 
-def _count_right(system: MultibodySystem, found: Trajectory) -> int:
-    """Count the rows, from the start, for which the laws of torsional springs hold.
+def _count_valid_rows(system: MultibodySystem, found: Trajectory) -> int:
+    """Count the rows, from the start, up to which every torsional spring stays within half a turn from rest.
 
     All rows count if the motion has a wrong number of bodies, which the caller reports.
     """
@@ -71,8 +71,8 @@ def _continue_motion(
     """Return the whole motion, joined from pieces; the first piece is the first ``right`` rows of ``found``.
 
     Each further piece is solved from the end of the previous one, with the laws of torsional springs rewritten about
-    their angles there. If no further piece can be solved, the motion ends as stalled, or with the status of the last
-    piece.
+    their angles there. A system with user forces has no further piece, since these may depend on time. If no further
+    piece can be solved, the motion ends as stalled, or with the status of the last piece.
     """
     parts, t = [_cut_piece(found, right, 0.0)], float(found.t[right - 1])
     costs, system, last, span = [found], problem.system, found.states[right - 1], float(found.t[right - 1])
@@ -96,14 +96,14 @@ def _continue_motion(
             break
         piece = replace(problem, system=here, initial=project(here, start), t_end=span, reference_from=None)
         more = solve(piece, replace(alone, max_steps=steps_left))
-        right = _count_right(here, more)
+        right = _count_valid_rows(here, more)
         costs.append(more)
         parts.append(_cut_piece(more, right, t))
         t, last, span = t + float(more.t[right - 1]), more.states[right - 1], float(more.t[right - 1])
         if right == len(more.t) and more.status is not Status.SUCCESS:
             status, message = more.status, f"{more.message} (of a piece that ends at t = {t:.6g} s)"
             break
-    return _join(parts, costs, status, message, problem.t_end)
+    return _join_pieces(parts, costs, status, message, problem.t_end)
 
 
 def _round_to_steps(span: float, dt: float | None) -> float:
@@ -112,7 +112,7 @@ def _round_to_steps(span: float, dt: float | None) -> float:
 
 
 def _begin_at(system: MultibodySystem, t: float) -> MultibodySystem:
-    """Return the system with functions of time shifted so that its time 0 is ``t`` [s]."""
+    """Return the system with its functions of time shifted, so that its time 0 is the former time ``t`` [s]."""
     return replace(
         system,
         joint_motion=_freeze(shift_time(system.joint_motion, t)),
@@ -139,7 +139,9 @@ def _cut_piece(found: Trajectory, rows: int, since: float) -> Trajectory:
     )
 
 
-def _join(parts: list[Trajectory], costs: list[Trajectory], status: Status, message: str, t_end: float) -> Trajectory:
+def _join_pieces(
+    parts: list[Trajectory], costs: list[Trajectory], status: Status, message: str, t_end: float
+) -> Trajectory:
     """Return all pieces as one motion with ``status`` and ``message``; a successful one ends at ``t_end`` [s] exactly.
 
     ``costs`` are the pieces as solved, with discarded rows: their counters and CPU times are summed.

@@ -61,17 +61,18 @@ class Declaration:
 
 
 def column(doc: str, default: Any = NAN, *, tables: Sequence[str] | Mapping[str, str] = (), **given: Any) -> Any:
-    """Return a field of a record: a column with the meaning ``doc``, and the ``default`` of records that lack it.
+    """Return the field of a record for a column with the meaning ``doc``; raise ValueError if its parts contradict.
 
-    ``given`` are fields of ``Declaration``; ``tables`` are names of ``TABLES``, or such names with heads of their own.
+    Records without the column get ``default``. ``tables`` are names of ``TABLES``, or such names with heads of their
+    own; ``given`` are further fields of ``Declaration``.
     """
     heads = dict(tables) if isinstance(tables, Mapping) else dict.fromkeys(tables, "")
     declared = Declaration(doc, tables=heads, **given)
-    _check(declared)
+    _check_declaration(declared)
     return dataclasses.field(default=default, metadata={KEY: declared, "doc": doc})
 
 
-def _check(d: Declaration) -> None:
+def _check_declaration(d: Declaration) -> None:
     """Raise ValueError for a declaration that contradicts itself."""
     if unknown := d.tables.keys() - set(TABLES):
         raise ValueError(f"tables must be of {', '.join(TABLES)} (got {', '.join(sorted(unknown))})")

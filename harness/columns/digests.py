@@ -18,9 +18,10 @@ class ColumnDigests(Shape, frozen=True):
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def list_stale(self, now: "ColumnDigests") -> tuple[str, ...]:
-        """Return the columns that ``now`` measures in another way; those that it added or dropped are none of them.
+        """Return the names of the columns whose function is another one in ``now``.
 
-        All are, if what all of them are measured from has changed.
+        Columns that only one of the two has are left out. If the code that measures the series has changed, return all
+        columns.
         """
         if self.measuring != now.measuring:
             return tuple(self.columns)

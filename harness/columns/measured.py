@@ -37,7 +37,7 @@ class Scales:
         return {law: part * scale.get(law, 1.0) for law, part in ALLOWED.items()}
 
     def of_unit(self, unit: str) -> float:
-        """Return the scale of an invariant with this SI unit, such as ``kg m2/s``; NaN for an unknown unit."""
+        """Return the scale that the drift of an invariant is compared with, by its SI unit; NaN for an unknown unit."""
         turning = self.momentum * self.reach
         known = {
             "J": self.energy,
@@ -139,7 +139,7 @@ class MeasuredMotion:
 
     @cached_property
     def compared(self) -> int:
-        """The number of steps, from the start, that are compared with the reference; 0 without one."""
+        """The number of recorded times, from the start, that are compared with the reference; 0 without one."""
         m = self.series
         errors = (m.position_error, m.orientation_error, m.motion_error)
         if m.reference_own_error is None or any(a is None for a in errors):
@@ -148,7 +148,7 @@ class MeasuredMotion:
 
     @cached_property
     def judged(self) -> int:
-        """The number of steps, from the start, at which errors are judged: the motion is predictable there."""
+        """The number of recorded times, from the start, at which errors are judged: the motion is predictable there."""
         own = self.take_compared("reference_own_error")
         return count_predictable(self.series.t[: self.compared], own / self.series.size.length)
 

@@ -16,10 +16,11 @@ def find_largest(a: Float[np.ndarray, " n"]) -> float:
 
 
 def count_predictable(t: Float[np.ndarray, " nt"], own: Float[np.ndarray, " nt"]) -> int:
-    """Return how many times from the start the reference is accurate enough for errors to be judged.
+    """Return the number of instants, from the start on, at which the reference is accurate enough to judge errors.
 
-    ``own`` is the reference's stated error over the length scale: it must stay below ``PREDICTABLE``, or below
-    ``JUDGED`` without growing by more than ``GROWN`` since a tenth of the time.
+    The first instant at which it is not ends the count. ``own`` is its stated error over the length scale: it must be
+    below ``PREDICTABLE``, or below ``JUDGED`` without having grown by more than a factor ``GROWN`` since a tenth of the
+    time.
     """
     tenth = np.maximum(np.searchsorted(t, 0.1 * t, side="right") - 1, min(1, len(t) - 1))
     steady = (own <= JUDGED) & (own <= GROWN * own[tenth])
@@ -39,7 +40,7 @@ def fit_trend(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"]) -> float
 
 
 def compute_time_mean(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], begin: float, end: float) -> float:
-    """Return the mean of a over [begin, end] [s] by the trapezoidal rule on the steps inside; NaN if fewer than two."""
+    """Return the mean of a over [begin, end] [s] by the trapezoidal rule on the times inside; NaN if fewer than two."""
     inside = (t >= begin) & (t <= end)
     if np.sum(inside) < 2:
         return math.nan
@@ -49,9 +50,9 @@ def compute_time_mean(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], 
 def find_exceeding_time(
     t: Float[np.ndarray, " nt"], error: Float[np.ndarray, " nc"], allowed: Float[np.ndarray, " nc"]
 ) -> float:
-    """Return the first time [s] at which ``error`` exceeds ``allowed``; the last one compared if it never does.
+    """Return the first time [s] at which ``error`` exceeds ``allowed`` or is NaN.
 
-    The first nc of the nt times are compared.
+    Of the times ``t``, the first nc are compared; if the error stays within, return the last of these.
     """
     above = ~(error <= allowed)
     return float(t[np.argmax(above) if np.any(above) else len(error) - 1])

@@ -71,7 +71,7 @@ class Candidate:
 
     @property
     def failure(self) -> str:
-        """The reason why no run meets the error, in words; empty if one does."""
+        """The reason why no run meets the error, in words, with the end of the last run; empty if a run meets it."""
         r, last = self.closest, self.runs[-1]
         if self.best:
             return ""
@@ -80,12 +80,16 @@ class Candidate:
         further = f"; then {last.status} at {self.control}={self.get_setting(last):g}: {'; '.join(list_reasons(last))}"
         return f"least error of {len(self.runs)} runs{'' if last is r else further}"
 
-    def succeeds_within(self, r: RunRecord) -> bool:
+    def meets_error(self, r: RunRecord) -> bool:
         """Return whether the run is a success and its motion error is at most the required one."""
         return r.status == Status.SUCCESS and r.motion_error_judged_m <= self.error
 
     def choose_next_spec(self) -> RunSpec | None:
-        """Return the next run to try, by the errors of those so far; None if the search has ended."""
+        """Return the next run to try, by the errors of those so far; None if the search has ended.
+
+        It ends if the last run is near enough to the required error, if no other setting can help, and if the next
+        setting is outside the range of settings or within 5 % of one that was tried.
+        """
         value = self._next_setting()
         tried = {self.get_setting(r) for r in self.runs}
         least = self.problem.t_end / MOST_STEPS if self.control == "dt" else TIGHTEST
@@ -101,7 +105,10 @@ class Candidate:
         return r.dt_s if self.control == "dt" else r.rtol
 
     def _next_setting(self) -> float | None:
-        """Return the dt [s] or rtol to try next; None if the last one is near enough or nothing else could help."""
+        """Return the dt [s] or rtol to try next; None if the last one is near enough or nothing else could help.
+
+        After a success it is the setting at which the observed order predicts ``AIM`` of the required error.
+        """
         if not self.runs:
             return self.problem.dt if self.control == "dt" else 1e-6
         last = self.runs[-1]
@@ -113,13 +120,13 @@ class Candidate:
             return None if coarser else self.get_setting(last) * most
         if last.status != Status.SUCCESS:  # a finer setting may help
             return self.get_setting(last) * least
-        met = self.succeeds_within(last)
+        met = self.meets_error(last)
         if met and last.motion_error_judged_m > NEAR * self.error:
             return None
         power = 1.0 / self._observe_order()
         change = (AIM * self.error / max(last.motion_error_judged_m, 1e-300)) ** power
         value = self.get_setting(last) * min(max(change, least), most)
-        missed = [self.get_setting(r) for r in self.runs if not self.succeeds_within(r)]
+        missed = [self.get_setting(r) for r in self.runs if not self.meets_error(r)]
         return None if met and missed and value >= min(missed) else value
 
     def _observe_order(self) -> float:
@@ -144,9 +151,10 @@ def rank_candidates(candidates: Iterable[Candidate]) -> list[Candidate]:
 
 
 def judge_growth(quantity: str, bodies: Sequence[int], seconds: Sequence[float]) -> Finding:
-    """Return the finding on how the cost of a step [s] grows with the number of bodies: the exponent n^p.
+    """Return the finding on how the CPU time of a step grows with the number n of bodies: the exponent p of n^p.
 
-    It is fitted to the largest three numbers. More than ``LINEAR`` is a property of the solver, not a fault: open.
+    ``seconds`` [s] is the time of a step for each number in ``bodies``, which increases; p is fitted to the last three.
+    An exponent above ``LINEAR`` is a property of the solver, not a fault, and leaves the finding open.
     """
     power, _ = fit_growth(bodies[-3:], [max(x, 1e-9) for x in seconds[-3:]])
     each = ", ".join(f"{1e3 * x:.2g} ms at {n}" for n, x in zip(bodies, seconds, strict=True))

@@ -29,20 +29,21 @@ Poses = tuple[np.ndarray, np.ndarray]  # r [m] and R of all bodies
 def measure_distance(
     a: State | States | Poses, b: State | States | Poses, arm: float | Float[np.ndarray, " nb"]
 ) -> Float[np.ndarray, " *batch"]:
-    """Return the largest distance of a body [m]: of C, or ``arm`` [m] times the angle; NaN if one number is none.
+    """Return the largest distance of any body between two poses [m]: that of C, or ``arm`` [m] times the angle.
 
-    ``arm`` is the body's radius of gyration or, where bodies are not known, the mechanism's size. Poses at several
-    times have a distance each.
+    ``arm`` is the radius of gyration of each body or, where bodies are not known, the size of the mechanism. Poses at
+    several times give one distance per time. The distance is NaN if a number of the poses is.
     """
     (r_a, R_a), (r_b, R_b) = (x if isinstance(x, tuple) else (x.r, x.R) for x in (a, b))
     return np.max(np.maximum(np.linalg.norm(r_a - r_b, axis=-1), arm * so3.angle_between(R_a, R_b)), axis=-1)
 
 
 def find_inaccuracy(m: MeasuredSeries, columns: Mapping[str, Any]) -> list[Reason]:
-    """Return reasons why a motion that keeps all laws is inaccurate: its distance from the reference while predictable.
+    """Return reasons why a motion that keeps all laws is inaccurate: errors against the reference while predictable.
 
-    Empty if it is accurate, or if there is no reference. ``m`` are the series measured, ``columns`` those of the
-    record.
+    They are errors of poses or velocities at the recorded steps or, if both are small, of poses between these steps.
+    Empty if the motion is accurate, or if there is no reference. ``m`` are the measured series, ``columns`` the columns
+    of the run's record by name.
     """
     if m.motion_error is None or m.rate_error is None:
         return []
@@ -70,9 +71,10 @@ def find_first_time(t: Float[np.ndarray, " nt"], broken: np.ndarray) -> float:
     return float(t[np.argmax(broken)]) if np.any(broken) else math.nan
 
 
-def find_differing(tests: Sequence[tuple[float, str]]) -> list[str]:
-    """Return the names of the tests, each with its p-value, by which two clouds of motions differ.
+def find_significant_tests(tests: Sequence[tuple[float, str]]) -> list[str]:
+    """Return the names of the tests that find a significant difference between two ensembles, each name once.
 
-    Each test has the level ``LEVEL`` divided by the number of tests.
+    ``tests`` are pairs of a p-value and a name. By Bonferroni's correction, each test has the level ``LEVEL`` over the
+    number of tests.
     """
     return list(dict.fromkeys(name for p, name in tests if p * len(tests) < LEVEL))

@@ -44,12 +44,12 @@ class Yardstick:
 
     @property
     def exact(self) -> float:
-        """The distance allowed if a scheme keeps a symmetry exactly [m]."""
+        """The distance allowed if a scheme keeps a symmetry exactly, but for its tolerance and rounding [m]."""
         return self.grown * (SLACK * self.level + self.rounding + self.least)
 
     @property
     def bound(self) -> float:
-        """The distance allowed by the scheme's errors [m]."""
+        """The distance allowed by all errors of the scheme, those of its step included [m]."""
         return self.grown * (SLACK * self.level + self.rounding + self.least + HALVES * self.halved)
 
     @property
@@ -63,15 +63,22 @@ class Yardstick:
         return find_return_factor(self.growth)
 
     def is_exact(self, deviation: float) -> bool:
-        """Return whether fixed steps keep a symmetry as far as their equations are solved; ``deviation`` [m]."""
+        """Return whether a scheme of fixed steps keeps a symmetry exactly, as far as its equations are solved.
+
+        ``deviation`` is the distance of the ends of both runs [m]. False under error control.
+        """
         return self.halved > 0.0 and deviation <= self.exact
 
     def is_broken(self, deviation: float) -> bool:
         """Return whether a deviation [m] exceeds the bound by more than its uncertainty."""
-        return is_beyond(deviation, self.bound)
+        return exceeds_bound(deviation, self.bound)
 
     def judge(self, deviation: float) -> SymmetryVerdict:
-        """Return the verdict on a deviation [m] of two runs: undecided if any two ends are closer than the bound."""
+        """Return the verdict on the distance of the ends of two runs, ``deviation`` [m]: holds, broken or undecided.
+
+        It is undecided if the deviation exceeds the bound by less than the uncertainty of that, and if more than the
+        size of the mechanism is allowed, which any two ends would meet.
+        """
         if self.is_broken(deviation):
             return "broken"
         allowed = self.exact if self.is_exact(deviation) else self.bound
@@ -79,35 +86,47 @@ class Yardstick:
 
 
 def find_return_factor(growth: float) -> float:
-    """Return the factor by which errors are larger after the way back than at the end: they grow both ways.
+    """Return the factor by which errors at the start, after the motion was integrated back, exceed those at the end.
 
-    ``growth`` is that of a changed start until the end.
+    Errors grow on the way there and back. ``growth`` is the factor by which a change of the start grows until the end.
     """
     return 1.0 + max(growth, 1.0)
 
 
-def allow_error(own: float, least: float) -> float:
-    """Return the distance allowed between answers of a code [m] by its ``own`` error and what is ``least`` allowed."""
+def bound_difference(own: float, least: float) -> float:
+    """Return the allowed distance of two answers of a code [m]: ``SLACK`` times its ``own`` error plus ``least``.
+
+    ``own`` [m] is measured on the code itself; ``least`` [m] is allowed to the most accurate code, too.
+    """
     return SLACK * own + least
 
 
-def is_beyond(deviation: float, bound: float) -> bool:
-    """Return whether a deviation [m] exceeds a bound by more than the uncertainty of that."""
+def exceeds_bound(deviation: float, bound: float) -> bool:
+    """Return whether a deviation [m] exceeds a bound [m] by more than the uncertainty of the bound; True for NaN."""
     return not deviation <= (1.0 + UNSURE) * bound
 
 
 def do_routes_agree(apart: float, bound: float) -> bool:
-    """Return whether routes to the true motion that are this far ``apart`` [m] can decide on a deviation."""
+    """Return whether independent computations of the true motion agree well enough to decide on a deviation.
+
+    ``apart`` [m] is their distance, ``bound`` [m] the limit that the deviation exceeds.
+    """
     return not apart > ROUTES * bound
 
 
-def is_confirmed(off: float, bound: float) -> bool:
-    """Return whether a code whose answers differ by more than ``bound`` [m] is wrong: ``off`` [m] the true motion."""
+def is_fault_confirmed(off: float, bound: float) -> bool:
+    """Return whether a code whose two answers differ by more than ``bound`` [m] is wrong by the true motion, too.
+
+    ``off`` [m] is the larger distance of the two answers from the true motion, which cannot be near both of them.
+    """
     return off > CONFIRMED * bound
 
 
 def describe_rerun(stated: RunRecord | None, own: RunRecord) -> str:
-    """Return in words what of our ``own`` run differs from the same run as ``stated``; empty if they agree."""
+    """Return in words how a run that was made again, ``own``, differs from its ``stated`` record; empty if they agree.
+
+    Compared are the status, the motion error and the CPU time, in this order; ``stated`` is None if there is no record.
+    """
     if stated is None or stated.status != own.status:
         return f"{own.case}: {own.status} when run again"
     if abs(stated.motion_error_max_m - own.motion_error_max_m) > ERROR * own.motion_error_max_m:

@@ -59,9 +59,11 @@ ROUNDING = 1e-12  # fraction of the energy scale below which changes over a whol
 def list_broken_laws(
     problem: Problem, trajectory: Trajectory, m: MeasuredSeries, columns: Mapping[str, Any]
 ) -> list[Reason]:
-    """Return a reason for each law that a claimed success breaks, so that it is wrong; empty if it keeps all.
+    """Return a reason for each law that a run which claims success breaks, so that it is wrong; empty if it keeps all.
 
-    ``m`` are the series measured, ``columns`` those of the record.
+    A motion with numbers that are not finite has that one reason. Laws of joints are not judged for a literal start,
+    nor truncation errors for a run that is inaccurate. ``m`` are the measured series, ``columns`` the columns of the
+    run's record by name.
     """
     size = m.size
     s, t = trajectory.states, m.t
@@ -71,72 +73,86 @@ def list_broken_laws(
     out = []
     if not abs(t[-1] - problem.t_end) <= 1e-9 * max(problem.t_end, 1.0):
         out.append(Reason(Law.END, float(t[-1]), problem.t_end, "s", float(t[-1])))
-    moved = max(float(np.max(np.abs(getattr(s, k)[0] - getattr(problem.initial, k)))) for k in ("r", "R", "v", "Omega"))
+    start_error = max(
+        float(np.max(np.abs(getattr(s, k)[0] - getattr(problem.initial, k)))) for k in ("r", "R", "v", "Omega")
+    )
     allowed = START * (1.0 + size.length + size.speed)
-    if not moved <= allowed or t[0] != 0.0:
-        out.append(Reason(Law.START, moved, allowed, time_s=float(t[0])))
+    if not start_error <= allowed or t[0] != 0.0:
+        out.append(Reason(Law.START, start_error, allowed, time_s=float(t[0])))
 
-    def limit(law: Law, most: float, allowed: float, unit: str, series: np.ndarray | None, name: str = "") -> None:
-        """Append a reason to ``out`` if ``most`` exceeds ``allowed``, with the time when ``series`` first does."""
+    def require_at_most(
+        law: Law, most: float, allowed: float, unit: str, series: np.ndarray | None, name: str = ""
+    ) -> None:
+        """Append a reason to ``out`` if ``most``, a quantity's largest size, exceeds what is ``allowed``.
+
+        The reason has the first time at which |series| exceeds it. NaN, for what was not measured, is no reason.
+        """
         if not math.isnan(most) and not most <= allowed:
             when = math.nan if series is None else find_first_time(t, ~(np.abs(series) <= allowed))
             out.append(Reason(law, most, allowed, unit, when, name))
 
-    for one in m.mechanisms:
-        for law, series in one.laws.items():
+    for mechanism in m.mechanisms:
+        for law, series in mechanism.laws.items():
             if not (problem.literal_start and law in JOINTS):
-                limit(law, find_largest(series), one.size.limits[law], UNITS[law], series)
-    limit(Law.KINEMATIC, m.kinematic_defect - m.kinematic_exact, KINEMATIC, "", None)
-    limit(Law.REACTION, m.reaction_error, REACTION * (m.reaction_size + size.energy / size.length), "N", None)
-    limit(Law.MOMENT, m.moment_error, REACTION * (m.moment_size + size.energy), "N m", None)
+                require_at_most(law, find_largest(series), mechanism.size.limits[law], UNITS[law], series)
+    require_at_most(Law.KINEMATIC, m.kinematic_defect - m.kinematic_exact, KINEMATIC, "", None)
+    require_at_most(Law.REACTION, m.reaction_error, REACTION * (m.reaction_size + size.energy / size.length), "N", None)
+    require_at_most(Law.MOMENT, m.moment_error, REACTION * (m.moment_size + size.energy), "N m", None)
     accurate = not find_inaccuracy(m, columns)  # an inaccurate run's errors are known and reported as such
-    for name, share in m.truncation.shares.items() if accurate else ():
+    for name, ratio in m.truncation.shares.items() if accurate else ():
         words = f"the error of {name}, beside what steps of this length leave open,"
-        limit(Law.TRUNCATION, share, 1.0, "", None, words)
+        require_at_most(Law.TRUNCATION, ratio, 1.0, "", None, words)
     for invariant in problem.invariants:
-        name, unit, along = invariant.name, invariant.unit, m.invariants[invariant.name]
-        away, start, scale = along - along[0], abs(float(along[0])), size.of_unit(unit)
+        name, unit, values = invariant.name, invariant.unit, m.invariants[invariant.name]
+        change, start, scale = values - values[0], abs(float(values[0])), size.of_unit(unit)
         allowed = INVARIANT * (start if math.isnan(scale) else max(scale, start))
         if allowed == 0.0:  # a unit without a scale, starting at zero: nothing to compare with
             continue
-        limit(Law.INVARIANT, find_largest(away), allowed, unit, away, name)
+        require_at_most(Law.INVARIANT, find_largest(change), allowed, unit, change, name)
     return out
 
 
-def allow_exact(stated: float) -> float:
-    """Return the share of its scales by which a motion may break a law that states errors of ``stated`` of its length.
+def compute_law_tolerance(stated: float) -> float:
+    """Return the tolerance on the laws of a motion that is said to be exact, as a fraction of each law's scale.
 
-    Derivatives that are taken from differences have ``allow_differenced``.
+    ``stated`` is the error that the motion states, as a fraction of its length. Laws on derivatives that are computed
+    by finite differences have ``compute_derivative_tolerance``.
     """
     return SMALL + STATED * stated
 
 
-def allow_differenced(stated: float, change: float) -> float:
-    """Return the share of their scales that derivatives from differences may be off.
+def compute_derivative_tolerance(stated: float, change: float) -> float:
+    """Return the relative tolerance on derivatives of an exact motion that are computed by finite differences.
 
-    ``stated`` is the motion's error as a share of its length, ``change`` how much poses change over a difference [rad].
+    ``stated`` is the error that the motion states, as a fraction of its length; ``change`` is the change of the poses
+    over one step of the differences [rad], by which that error and rounding are divided.
     """
     return DIFFERENCED + (ROUNDED + STATED * stated) / change
 
 
-def allow_rounding(unit: float, steps: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-    """Return the relative rounding of a motion after these numbers of ``steps``, in numbers with the rounding ``unit``.
+def estimate_relative_rounding(unit: float, steps: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+    """Return the relative rounding error of a motion after each of these numbers of ``steps``.
 
-    Every number given is rounded, and the state once in each step; each is carried along the motion.
+    ``unit`` is the unit roundoff of the arithmetic (``PRECISIONS``). The numbers given are rounded once, and the state
+    once per step; the errors are taken to add up along the motion, with those of evaluating the laws.
     """
     return unit * (DEVIATIONS + steps) + EVALUATION * PRECISIONS["float64"]
 
 
-def allow_start(unit: float, largest: float) -> float:
-    """Return how far a start whose ``largest`` number is given may be off in numbers with the rounding ``unit``."""
+def compute_start_tolerance(unit: float, largest: float) -> float:
+    """Return the absolute tolerance on the numbers of a start that was converted to another arithmetic.
+
+    ``unit`` is the unit roundoff of that arithmetic, ``largest`` the largest magnitude among the numbers.
+    """
     roundings, least = STARTS
     return roundings * unit * (1.0 + largest) + least
 
 
-def judge_laws(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
-    """Return the finding on the largest of several relative errors, named by its key; NaN counts as the largest.
+def judge_largest_error(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
+    """Return the finding on the largest of several relative errors, which must be at most ``most``.
 
-    ``found`` has for each law the share of its scale, at most ``most``, and words on it. It is open without any law.
+    ``found`` has by the name of each law its error, as a fraction of the law's scale, and words on it. NaN counts as
+    the largest. The finding names the law; it is left open if ``found`` is empty.
     """
     if not found:
         return leave_open("there are none")
@@ -146,11 +162,11 @@ def judge_laws(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
 
 
 def judge_trend(low: float, high: float, walk: float, oscillation: float, scale: float) -> DriftVerdict:
-    """Return what an energy error does over a run: stays bounded, has a trend, wanders, or is undecided.
+    """Return whether an energy error stays bounded over a run, has a trend, or wanders; else that it is undecided.
 
-    This is a test of equivalence, not of significance: ``low`` and ``high`` are the ends of the interval of the trend
-    over the whole run [J], ``oscillation`` is half the range within a period [J], ``scale`` that of the energy [J], and
-    ``walk`` is above 0 if a random walk is seen.
+    This is a test of equivalence, not of significance. ``low`` and ``high`` are the ends of the confidence interval of
+    the change by the trend over the whole run [J], ``oscillation`` is half the range within a period [J], ``scale`` is
+    the energy scale [J], and ``walk`` is the size of the random walk, 0 if none was found.
     """
     if max(abs(low), abs(high)) <= max(MATTERS * oscillation, ROUNDING * scale):
         return "bounded"

@@ -83,7 +83,10 @@ def measure_slopes(dt: Sequence[float], error: Sequence[float]) -> Float[np.ndar
 
 
 def bound_fine_error(halved: float, order: float) -> float:
-    """Return the largest error at half a step that its change when the step was ``halved`` explains, at this order."""
+    """Return a bound on the error at half the step, by Richardson's estimate at this ``order`` and ``NEXT_TERM``.
+
+    ``halved`` is the change of the result when the step was halved; the bound has its unit.
+    """
     return halved * NEXT_TERM / (2.0**order - 1.0)
 
 
@@ -99,10 +102,10 @@ def judge_ladder(
 ) -> Finding:
     """Judge how errors fall over a few runs at decreasing ``settings`` of ``control``: steps dt, or tolerances rtol.
 
-    The order in dt is the finest slope, or the steepest if a solver's iteration may set the finest error: as
-    ``declared`` or, without a declared order (NaN), at least ``least``; one above it is said to be. With rtol, errors
-    fall at least as its square root, since they follow rtol^(p/(p + 1)) at order p >= 1, or to rounding. Errors below
-    ``resolved`` tell no order. ``what`` says of what scale errors are.
+    In dt, the order is the slope between the two finest runs, or the steepest one if the solver's iteration may have
+    set the finest error. It must be at least the ``declared`` one, within ``SLOPE``, or ``least`` if none is declared
+    (NaN). In rtol, errors must fall at least as ``find_least_fall`` says, or to rounding. Errors below ``resolved`` are
+    left out; with fewer than two others the finding is open. ``what`` names the scale of the errors in words.
     """
     at = ", ".join(f"{x:g}" for x in settings)
     words = f"errors {', '.join(f'{x:.3g}' for x in errors)} {what} at {control} {at}"
@@ -124,32 +127,27 @@ def judge_ladder(
 
 
 def find_least_fall(tolerances: Sequence[float]) -> float:
-    """Return how many times smaller errors are at the last tolerance than at the first, at least.
-
-    They follow rtol^(p/(p + 1)) at order p >= 1.
-    """
+    """Return the least factor by which errors fall from the first rtol to the last: rtol^(p/(p + 1)) at order p = 1."""
     return math.sqrt(tolerances[0] / tolerances[-1])
 
 
-def take_power_away(coarse: np.ndarray, fine: np.ndarray, order: float) -> np.ndarray:
-    """Return what is left of a residual at half the step, at equal times, without its part in proportion to dt^order.
+def remove_power(coarse: np.ndarray, fine: np.ndarray, order: float) -> np.ndarray:
+    """Return the absolute part of a residual at half the step, ``fine``, that is not proportional to dt^order.
 
-    Without an ``order`` (NaN) the first is taken, which leaves those of any other order falling as they do.
+    ``coarse`` is the residual at the whole step, at equal times. Without an ``order`` (NaN) it is 1, which leaves parts
+    of any other order falling as they do.
     """
     power = 2.0 ** (1.0 if math.isnan(order) else order)
     return np.abs(power * fine - coarse) / (power - 1.0)
 
 
 def bound_remainder(coarser: float, fall: float = 2.0**LEAST_ORDER) -> float:
-    """Return the most that may stay of a residual, ``coarser`` at the coarser step, that should be ``fall`` times less.
-
-    What iterations leave may stay.
-    """
+    """Return the limit on a residual: that of the ``coarser`` step over ``fall``, and at least ``ITERATED``."""
     return max(coarser / fall, ITERATED)
 
 
-def is_of_motion(t: Float[np.ndarray, " nt"], left: Float[np.ndarray, " nt"]) -> bool:
-    """Return whether a residual grows with time or is constant, and does not vary about one size as a tolerance's."""
+def grows_or_stays_constant(t: Float[np.ndarray, " nt"], left: Float[np.ndarray, " nt"]) -> bool:
+    """Return whether a residual ``left`` grows with time ``t`` or is constant; what iterations leave does neither."""
     quarter = 0.25 * t[-1]
     grows = np.min(left[t >= 3.0 * quarter]) >= GROWTH * np.max(left[t <= quarter], initial=0.0)
     later = left[t > quarter]
@@ -184,8 +182,9 @@ def fit_errors(
 ) -> tuple[Fit, Fit]:
     """Return the fit of errors against steps, and under error control the fit against rtol (else ``NOTHING``).
 
-    ``good`` is whether each error can be fitted, ``scale`` the size of a large one. ``tolerance`` is the share of it
-    that equations of fixed steps may leave; under error control the tolerance rtol of each run.
+    ``good`` says of each error whether it can be fitted, ``scale`` is the size of a large error. ``tolerance`` is a
+    number for fixed steps, the fraction of ``scale`` that the step equations may leave; under error control it is rtol
+    of each run. If all errors are rounding, or set by a tolerance, nothing is fitted: ``exact`` or ``flat``.
     """
     if max(errors) <= EXACT * scale:
         return Fit("exact"), NOTHING
@@ -204,8 +203,9 @@ def fit_errors(
 def fit_ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> Fit:
     """Fit the order p of error = C dt^p to errors > 0 of runs at decreasing fixed steps ``dt`` [s].
 
-    Errors below ``small`` may be set by a tolerance. Finer points may only be left out if they show a floor
-    (``_is_floor``); otherwise the kind of the fit is ``lost``. Fewer than four points give the kind ``none``.
+    The fit is over the longest range of steps where slopes agree. Without one the kind of the fit is ``flat`` if most
+    slopes are near zero, else ``none``, as with fewer than four points. Finer points may only be left out if they lie
+    on a floor (``_is_floor``, with ``small`` for errors that a tolerance may set); otherwise the kind is ``lost``.
     """
     x, y = np.log(np.asarray(dt, dtype=float)), np.log(np.asarray(error, dtype=float))
     slopes = measure_slopes(dt, error)
@@ -228,11 +228,11 @@ def fit_ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) 
 
 
 def _is_floor(x: np.ndarray, y: np.ndarray, small: float) -> bool:
-    """Return whether the errors of the finer points stop decreasing: they lie on a floor.
+    """Return whether the errors of the points finer than those fitted stop decreasing: they lie on a floor.
 
-    ``x`` and ``y`` are the logarithms of their steps and errors, the finest last. They lie on one if the finest error
-    is at most ``small``, or if the slope from any of them to the finest is below ``FLAT``. The slope into the first of
-    them is not used: a slope of 1.1 may be half of a floor or the first of a lost order.
+    ``x`` and ``y`` are the logarithms of the steps and errors of these points, the finest last. They lie on a floor if
+    the finest error is at most ``small``, or if the slope from any of them to the finest is below ``FLAT``. The slope
+    from the fitted points to the first of these is not used: 1.1 may be half of a floor or the first of a lost order.
     """
     if np.exp(y[-1]) <= small:
         return True
@@ -240,9 +240,10 @@ def _is_floor(x: np.ndarray, y: np.ndarray, small: float) -> bool:
 
 
 def fit_scattered(x: Sequence[float], error: Sequence[float]) -> Fit:
-    """Fit the order to errors > 0 of runs under error control, the finest last.
+    """Fit the order to errors > 0 of runs under error control, the finest last, by Theil and Sen's median of slopes.
 
-    ``x`` is their mean step [s], or their tolerance; then the result is the exponent against the tolerance.
+    ``x`` are their mean steps [s] or their tolerances, of which the order is then the exponent. The finest runs are
+    left out if their errors no longer fall; fewer than four others give the kind ``none``.
     """
     a, y = np.log(np.asarray(x, dtype=float)), np.log(np.asarray(error, dtype=float))
     slopes = np.diff(y) / np.diff(a) if len(np.unique(a)) == len(a) else np.full(max(len(a) - 1, 0), math.nan)
@@ -261,9 +262,9 @@ def fit_scattered(x: Sequence[float], error: Sequence[float]) -> Fit:
 
 
 def _find_agreement(slopes: np.ndarray) -> tuple[int, int] | None:
-    """Return the first and last index of the longest run of slopes that agree and are no floor; None without one.
+    """Return the first and last index of the longest sequence of slopes that agree and are no floor; None without one.
 
-    Of runs of equal length the finest is returned.
+    At least ``FEWEST`` slopes must agree to ``AGREE``. Of sequences of equal length the finest is returned.
     """
     agreeing = [
         (first, last)

@@ -16,9 +16,9 @@ SHARE = 1e-2  # added share of a rod's other principal inertias, or of m arm^2 f
 def find_principal_inertias(
     inertia: Float[np.ndarray, "nb 3 3"],
 ) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "nb 3"]]:
-    """Return principal inertias (nb, 3) [kg m2], their axes (columns, nb 3 3), and flags of those that are zero.
+    """Return principal inertias (nb, 3) [kg m2], ascending, their axes (nb, 3, 3) as columns, and flags of zero ones.
 
-    Below the share ``NONE`` of the body's largest an inertia counts as zero.
+    An inertia below ``NONE`` times the body's largest counts as zero.
     """
     values, axes = principal_axes(inertia)
     return values, axes, values <= NONE * values[:, 2:]
@@ -42,11 +42,12 @@ def check_added_inertia(
     f: Float[np.ndarray, "nb 6"],
     Omega_dot: Float[np.ndarray, "nb 3"],
 ) -> None:
-    """Raise ValueError where added inertia is accelerated, since it then changes the motion.
+    """Raise ValueError where a body is accelerated about an axis of added inertia, which then changes the motion.
 
-    ``f`` are forces [N, space] and torques [N m, body] on each body, ``Omega_dot`` [rad/s2] the accelerations, ``arm``
-    [m] converts forces to moments for comparison.
+    ``f`` are forces [N, space] and torques [N m, body] on each body, ``Omega_dot`` [rad/s2, body] the accelerations;
+    ``arm`` [m] converts forces to moments for comparison.
     """
+    # [N m] moments that added inertia takes, and the largest load
     taken = np.max(np.abs(np.einsum("bij,bj->bi", added, Omega_dot)), axis=1, initial=0.0)
     size = max(np.max(np.abs(f[:, :3]) * arm[:, None], initial=0.0), np.max(np.abs(f[:, 3:]), initial=0.0))
     if np.max(taken, initial=0.0) > STILL * size:

@@ -19,9 +19,9 @@ ONE = 1.0  # stands in for the numbers of the first block, and its negative for 
 
 
 def factor_bordered(S: sparse.csr_array, regular: float) -> tuple[sparse.csr_array, Solve]:
-    """Return S^T, and a function that takes b (n + k,) to the solution y of K y = b; e in K is ``regular``.
+    """Return S^T, and a function that returns the solution y of K y = b for a vector b (n + k,).
 
-    S has k rows and n columns. S^T (n, k), a part of K, is returned by rows: callers multiply by it.
+    S has k rows and n columns; ``regular`` is e in K. S^T (n, k) is returned by rows: callers multiply by it.
     """
     pattern = _recall_pattern(S.indptr.tobytes(), S.indices.tobytes(), S.shape)
     if pattern.order is None:
@@ -40,10 +40,14 @@ class _Pattern:
     ordered: sparse.csc_array | None = None  # K with unknowns in order, and places in S as numbers, then of 1 and -e
 
     def factor(self, S: sparse.csr_array, regular: float) -> tuple[sparse.csr_array, Solve]:
-        """Return what ``factor_bordered`` does, in the ``order`` that is known."""
+        """Factor K as ``factor_bordered`` does, in the known ``order`` of unknowns; return the same.
+
+        The first call finds where each number of K stands in S.
+        """
         order, count = self.order, S.nnz
         assert order is not None
         if self.turned is None or self.ordered is None:
+            # K of numbers that say where K's come from: 2, 3, ... from S in its order, 1 and -1 from the diagonal
             named = sparse.csr_array((np.arange(count) + 2.0 * ONE, S.indices, S.indptr), shape=S.shape)
             turned = named.T.tocsr()
             K = border_rows(named, turned, ONE)[:, order]
@@ -58,7 +62,7 @@ class _Pattern:
         factor = splu(K, permc_spec="NATURAL")
 
         def solve(b: np.ndarray) -> np.ndarray:
-            """Solve K y = b."""
+            """Return the solution y of K y = b."""
             y = np.empty_like(b)
             y[order] = factor.solve(b[order])
             return y
@@ -68,7 +72,7 @@ class _Pattern:
 
 @lru_cache(PATTERNS)
 def _recall_pattern(starts: bytes, columns: bytes, shape: tuple[int, int]) -> _Pattern:
-    """Return what is known of the pattern whose rows start at ``starts`` and have numbers in ``columns``."""
+    """Return the ``_Pattern`` of these row starts and columns: the same object as before, if it is remembered."""
     return _Pattern()
 
 
@@ -78,7 +82,10 @@ def _replace(a: Matrix, data: np.ndarray) -> Matrix:
 
 
 def border_rows(S: sparse.csr_array, St: sparse.csr_array, regular: float) -> sparse.csc_array:
-    """Return [[1, S^T], [S, -``regular``]] by columns: SciPy's ``block_array`` of it, in a tenth of its time."""
+    """Return K = [[1, S^T], [S, -``regular``]] by columns, equal to SciPy's ``block_array`` in a tenth of its time.
+
+    ``St`` is S^T by rows.
+    """
     (k, n), rows = S.shape, S.sorted_indices()
     before, after = St.indptr[:-1], rows.indptr[1:]  # the diagonal comes first in the left columns, last in the right
     data = np.insert(St.data, before, 1.0), np.insert(rows.data, after, -regular)

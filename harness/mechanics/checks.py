@@ -10,7 +10,7 @@ from .added_inertia import NONE
 
 
 def freeze_array(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> np.ndarray:
-    """Return a read-only array of the given shape; raise ValueError unless all numbers are finite."""
+    """Return ``values`` as a read-only array of the given shape; raise ValueError unless all numbers are finite."""
     array: np.ndarray = np.array(values, dtype=dtype).reshape(shape)
     if array.dtype == np.float64 and not np.all(np.isfinite(array)):
         raise ValueError(f"system data must be finite numbers (got {array[~np.isfinite(array)][0]})")
@@ -19,7 +19,7 @@ def freeze_array(values: object, shape: tuple[int, ...], dtype: type = np.float6
 
 
 def check_body(name: str, mass: float, inertia: np.ndarray) -> None:
-    """Raise ValueError unless mass and inertia are those of some mass distribution.
+    """Raise ValueError, naming the body, unless mass [kg] and inertia [kg m2] are those of some mass distribution.
 
     Slender rods and point masses, which have no inertia about some axis, are accepted.
     """

@@ -27,8 +27,8 @@ def check_start(
 ) -> None:
     """Raise InconsistentStart unless R are rotations and phi = phi_dot = 0, to ``START_TOLERANCE``.
 
-    ``literal`` waives phi_dot. With ``any_root`` a joint may also be half a turn from the angle that it prescribes,
-    where its row vanishes, too. ``what`` names the state in the message.
+    With ``literal`` phi_dot may be anything. With ``any_root`` a joint may also be half a turn from the angle that it
+    prescribes, where its row vanishes, too. ``what`` names the state in the message.
     """
     for name in ("r", "R", "v", "Omega"):
         if not np.all(np.isfinite(getattr(state, name))):
@@ -58,7 +58,7 @@ def check_start(
 
 
 def _describe_gap(system: MultibodySystem, s: States, joint: int, row: int) -> str:
-    """Return in words how far the points or the axes of a joint are apart; empty where ``row`` belongs to neither."""
+    """Return in words how far the points or axes of ``joint`` are apart; empty if ``row`` of phi belongs to neither."""
     phi, first = constraint(system, s)[0], int(system.row_start[joint])
     points, axis = system.joint_points[joint], system.axis_rows()
     if row < first + points:
@@ -72,9 +72,10 @@ def _describe_gap(system: MultibodySystem, s: States, joint: int, row: int) -> s
 def close_gaps(
     x: X, measure: Callable[[X], np.ndarray], correct: Callable[[X, np.ndarray], X], small: float, most: int
 ) -> X:
-    """Return ``x`` corrected by Newton's method until its gaps are below ``small``, or ``most`` times.
+    """Return ``x`` after Newton's method: corrected until its largest gap is below ``small``, or ``most`` times.
 
-    ``measure`` returns the gaps of x, and ``correct`` x moved by the least change that closes them to first order.
+    ``measure(x)`` returns the gaps of x; ``correct(x, gaps)`` returns x moved by the least change that closes them to
+    first order.
     """
     for _ in range(most):
         gaps = measure(x)
@@ -87,33 +88,34 @@ def close_gaps(
 def project(system: MultibodySystem, state: State, iterations: int = 20) -> State:
     """Return the state near ``state`` that satisfies the constraints, by least change in the mass metric.
 
-    Poses are projected first, by Gauss-Newton on phi, then velocities; raise InconsistentStart if that does not
-    succeed.
+    Poses are projected first, in at most ``iterations`` of Gauss-Newton on phi, then velocities. Raise
+    InconsistentStart if phi or phi_dot is not closed then.
     """
     here = close_gaps(
         State(state.r.copy(), state.R.copy(), state.v, state.Omega, state.t),
         lambda s: constraint(system, States.one(s))[0],
-        lambda s, phi: _move_poses(s, _least_change(system, s, -phi)),
+        lambda s, phi: _move_poses(s, _find_least_change(system, s, -phi)),
         CLOSED,
         iterations,
     )
-    change = _least_change(system, here, -constraint_rate(system, States.one(here))[0])
+    change = _find_least_change(system, here, -constraint_rate(system, States.one(here))[0])
     out = State(here.r, here.R, state.v + change[:, :3], state.Omega + change[:, 3:], state.t)
     check_start(system, out, what="the projected state", any_root=True)
     return out
 
 
 def _move_poses(s: State, change: np.ndarray) -> State:
-    """Return the state with its poses moved by ``change`` (nb, 6), in space and in the bodies."""
+    """Return the state with its poses moved by ``change`` (nb, 6): shifts [m, space], rotation vectors [rad, body]."""
     return State(s.r + change[:, :3], s.R @ so3.exp(change[:, 3:]), s.v, s.Omega, s.t)
 
 
 def perturb(system: MultibodySystem, state: State, size: float, seed: int) -> State:
     """Return ``state`` with a random change, projected back onto the constraints.
 
-    ``size`` is relative: to 1 rad in orientation, to the largest joint arm (1 m without joints) in position, and to the
-    largest speed or sqrt(g arm) in velocities; standard normal in each component, from ``seed``. A body without inertia
-    about an axis gets no angular velocity about it: where no joint acts there, its spin must stay 0.
+    The change is standard normal in each component, from ``seed``, times ``size``: relative to 1 rad in orientation, to
+    the largest joint arm (1 m without joints) in position, and to the largest speed or sqrt(g arm) in velocities. A
+    body without inertia about an axis gets no angular velocity about it: where no joint acts there, its spin must stay
+    0.
     """
     random = np.random.default_rng(seed)
     arm = float(np.max(np.abs(system.joint_s_i), initial=0.0)) or 1.0
@@ -133,13 +135,16 @@ def perturb(system: MultibodySystem, state: State, size: float, seed: int) -> St
 def _remove_free_spin(system: MultibodySystem, Omega: np.ndarray) -> np.ndarray:
     """Return Omega without its components about axes that have no inertia."""
     _, axes, none = find_principal_inertias(system.inertia)
-    n = axes * none[:, None, :]
+    n = axes * none[:, None, :]  # columns; zero for axes that have inertia
     out: np.ndarray = Omega - np.einsum("bik,bjk,bj->bi", n, n, Omega)
     return out
 
 
-def _least_change(system: MultibodySystem, state: State, wanted: np.ndarray) -> np.ndarray:
-    """Return x (nb, 6) of least mass norm with A x = ``wanted``, by LSQR on the scaled A, also for redundant rows."""
+def _find_least_change(system: MultibodySystem, state: State, wanted: np.ndarray) -> np.ndarray:
+    """Return the x (nb, 6) of least mass norm with A x = ``wanted`` (nrows,), by LSQR, also for redundant rows.
+
+    In the norm, each body counts with its mass and its mean principal inertia.
+    """
     import scipy.sparse as sp
     import scipy.sparse.linalg as spl
 

@@ -34,17 +34,17 @@ def collect_counts(count: CallCount) -> Iterator[CallCount]:
 
 
 def count_calls(*, factorises: bool) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Return a decorator that counts each call of a function as an evaluation, for ``collect_counts``.
+    """Return a decorator that makes ``collect_counts`` count each call of a function as an evaluation.
 
-    With ``factorises`` it counts as a factorisation, too.
+    With ``factorises`` a call counts as a factorisation, too.
     """
 
-    def mark(function: Callable[P, T]) -> Callable[P, T]:
-        """Return the function with its calls counted."""
+    def decorate(function: Callable[P, T]) -> Callable[P, T]:
+        """Return a function that calls ``function`` and counts the call."""
 
         @functools.wraps(function)
         def call(*arguments: P.args, **keywords: P.kwargs) -> T:
-            """Call the function, and count it unless another counted one calls it."""
+            """Call the function; count the call if counting is active and it is not nested in another counted call."""
             count = _count.get()
             if count is None or count.inside:
                 return function(*arguments, **keywords)
@@ -58,4 +58,4 @@ def count_calls(*, factorises: bool) -> Callable[[Callable[P, T]], Callable[P, T
 
         return call
 
-    return mark
+    return decorate

@@ -107,7 +107,7 @@ def cross(a: Vec, b: Vec) -> Vec:
 
 
 def gap(i: Pose, j: Pose, p: Numbers) -> Vec:
-    """Return d = x_i - x_j in space, from the joint's point of body j to that of body i [m]."""
+    """Return d = x_i - x_j [m, space]: from the joint's point x_j of body j to its point x_i of body i."""
     return i.at(p.s_i) - j.at(p.s_j)
 
 

@@ -44,7 +44,10 @@ class Equations:
 
 @count_calls(factorises=False)
 def equations(system: MultibodySystem, s: State) -> Equations:
-    """Evaluate M, A, A_dot v and f, the equations that ``accelerations`` solves; A_dot v by sixth-order differences."""
+    """Evaluate M, A, A_dot v and f at ``s``, the equations that ``accelerations`` solves.
+
+    A_dot v comes from sixth-order differences.
+    """
     M = np.zeros((system.nb, 6, 6))
     M[:, range(3), range(3)] = system.mass[:, None]
     M[:, 3:, 3:] = system.regular_inertia
@@ -52,7 +55,7 @@ def equations(system: MultibodySystem, s: State) -> Equations:
         M,
         constraint_jacobian(system, s).toarray(),
         evaluate_acceleration_bias(system, States.one(s))[0],
-        _forces(system, s),
+        _evaluate_forces(system, s),
     )
 
 
@@ -60,9 +63,9 @@ def equations(system: MultibodySystem, s: State) -> Equations:
 def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray, " nrows"] | float = 0.0) -> Rates:
     """Return the rates of a state, from index 1: M a = f + A^T reaction with A a + A_dot v = ``phi_ddot``.
 
-    Redundant rows share their load by least squares. With L L^T = M and B = A L^-T: x = L^T a is L^-1 f, without
-    joints, plus the least correction that yields B x = phi_ddot - A_dot v. Raise ValueError where a body is accelerated
-    about an axis without inertia.
+    Redundant rows get reactions of least norm. With L L^T = M and B = A L^-T, x = L^T a is L^-1 f, as without joints,
+    plus the least correction with which B x = phi_ddot - A_dot v, by singular values of B with rows scaled to one.
+    Raise ValueError where a body is accelerated about an axis without inertia.
     """
     e = equations(system, s)
     inverse = np.linalg.inv(np.linalg.cholesky(e.M))
@@ -91,8 +94,8 @@ def advance(s: State, rates: Rates, dt: float) -> State:
     )
 
 
-def _forces(system: MultibodySystem, s: State) -> np.ndarray:
-    """Return the applied forces [N, space] and torques about C less Omega x J Omega [N m, body], a row (6) a body."""
+def _evaluate_forces(system: MultibodySystem, s: State) -> np.ndarray:
+    """Return (nb, 6): the applied forces [N, space], and torques about C less Omega x J Omega [N m, body]."""
     f: np.ndarray = applied_loads(system, States.one(s))[0]
     f[:, 3:] -= so3.cross(s.Omega, np.einsum("bij,bj->bi", system.inertia, s.Omega))
     return f

@@ -32,14 +32,17 @@ def find_vector_rates(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def find_points(system: MultibodySystem, s: States, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points of body i and of body j of some joints, in space (nt, m, 3) [m]."""
+    """Return the points of body i and of body j of the ``joints`` with these numbers, in space (nt, m, 3) [m]."""
     r, i, j = append_ground(s.r, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
     x_i = r[:, i] + turn_vectors(s, i, system.joint_s_i[joints])
     return x_i, r[:, j] + turn_vectors(s, j, system.joint_s_j[joints])
 
 
 def find_gap_vectors(system: MultibodySystem, s: States, joints: np.ndarray, *, velocity: bool) -> np.ndarray:
-    """Return d = x_i - x_j of some joints in space (nt, m, 3) [m], or its rate [m/s] if ``velocity``."""
+    """Return d = x_i - x_j of the ``joints`` with these numbers, or d_dot if ``velocity``, in space (nt, m, 3).
+
+    The unit is m, of rates m/s.
+    """
     if not velocity:
         x_i, x_j = find_points(system, s, joints)
         return x_i - x_j

@@ -36,7 +36,10 @@ def inverse(A: Float[np.ndarray, "*stack n n"]) -> Float[np.ndarray, "*stack n n
 
 
 def _invert(A: list[list[float]]) -> list[list[float]]:
-    """Return A^-1 by rows: eliminate as LAPACK's unblocked routines do, rounding products before subtracting them."""
+    """Return the rows of A^-1 by Gauss elimination with row pivots, in the order of LAPACK's unblocked routines.
+
+    Products are rounded before they are subtracted.
+    """
     n = len(A)
     rows = [[*row, *(float(i == k) for k in range(n))] for i, row in enumerate(A)]
     for k in range(n):
@@ -59,7 +62,7 @@ def _invert(A: list[list[float]]) -> list[list[float]]:
 def principal_axes(
     inertia: Float[np.ndarray, "*stack 3 3"],
 ) -> tuple[Float[np.ndarray, "*stack 3"], Float[np.ndarray, "*stack 3 3"]]:
-    """Return principal inertias, ascending, and principal axes as columns, by Jacobi's rotations."""
+    """Return principal inertias [kg m2], ascending, and principal axes as columns, by Jacobi's rotations."""
     A = np.moveaxis(np.array(inertia, dtype=float), (-2, -1), (0, 1))
     V = np.array(np.broadcast_to(np.eye(3).reshape(3, 3, *[1] * (A.ndim - 2)), A.shape))
     for p, q in [(0, 1), (0, 2), (1, 2)] * SWEEPS:
@@ -69,7 +72,7 @@ def principal_axes(
         with np.errstate(over="ignore"):  # entries that are rounding beside the diagonal need no rotation
             ratio = 0.5 * (A[q, q] - A[p, p]) / np.where(turning, A[p, q], 1.0)
             t = np.where(turning, np.copysign(1.0, ratio) / (np.abs(ratio) + np.sqrt(1.0 + ratio * ratio)), 0.0)
-        c = 1.0 / np.sqrt(1.0 + t * t)
+        c = 1.0 / np.sqrt(1.0 + t * t)  # cosine of the rotation in the plane p, q that makes A[p, q] zero
         s = t * c
         for M in (A, V):
             M[:, p], M[:, q] = c * M[:, p] - s * M[:, q], s * M[:, p] + c * M[:, q]

@@ -48,30 +48,33 @@ def solve_index_1(system: MultibodySystem, s: States) -> Index1:
 
 
 def solve_index_1_of_each(system: MultibodySystem, motions: Sequence[States]) -> list[Index1]:
-    """Solve index 1 along several motions, bit for bit as along each: all at once, as few instants cost calls alone."""
+    """Solve index 1 along several motions at once, with the same bits as along each alone.
+
+    It saves time: where a motion has few instants, most of it is that of the calls.
+    """
     s, nb, nrows = States.join(motions), system.nb, system.nrows
     n = len(s)
     out = Index1(*(np.full(shape, np.nan) for shape in ((n, nb, 6), (n, nrows), (n, nb, 6))))
-    inverse, few = _inverse_root(system), is_dense(system)
+    inverse, dense = _invert_mass_root(system), is_dense(system)
     steps = np.concatenate([_choose_difference_steps(system, m) for m in motions])
     for k in _split_into_chunks(system, n):
         part = s.at(k)
         f = applied_loads(system, part)
         f[:, :, 3:] -= so3.cross(part.Omega, apply_matrices(system.inertia, part.Omega))
         A_dot_v = evaluate_acceleration_bias(system, part, steps[k])
-        (_fill_dense if few else _fill_sparse)(system, part, inverse, f, A_dot_v, Index1(*(a[k] for a in out)))
+        (_fill_dense if dense else _fill_sparse)(system, part, inverse, f, A_dot_v, Index1(*(a[k] for a in out)))
     ends = np.cumsum([0, *map(len, motions)])
     return [Index1(*(a[i:j] for a in out)) for i, j in itertools.pairwise(ends)]
 
 
 def _choose_difference_steps(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Return the steps [s] of differences at each time of a motion, equal for each ``CHUNK`` of its instants."""
+    """Return the step [s] of differences at each time of a motion: one for each ``CHUNK`` of its instants."""
     parts = [s.at(slice(k, k + CHUNK)) for k in range(0, len(s), CHUNK)]
     return np.concatenate([np.zeros(0), *(np.full(len(p), choose_difference_step(system, p)) for p in parts)])
 
 
 def _split_into_chunks(system: MultibodySystem, n: int) -> list[slice]:
-    """Return slices of ``n`` instants, of at most ``ENTRIES`` of dense A."""
+    """Return slices of ``n`` instants: of at most ``CHUNK`` instants and, if A is dense, ``ENTRIES`` entries of A."""
     size = int(np.clip(ENTRIES / max(1.0, 6.0 * system.nb * system.nrows), 1, CHUNK)) if is_dense(system) else CHUNK
     return [slice(k, min(k + size, n)) for k in range(0, n, size)]
 
@@ -81,24 +84,24 @@ def is_dense(system: MultibodySystem) -> bool:
     return 6.0 * system.nb * system.nrows**2 <= DENSE
 
 
-def _inverse_root(system: MultibodySystem) -> Float[np.ndarray, "nb 6 6"]:
-    """Return L^-1 with L L^T = M, by bodies; M includes added inertia."""
+def _invert_mass_root(system: MultibodySystem) -> Float[np.ndarray, "nb 6 6"]:
+    """Return L^-1 with L L^T = M for each body; M includes added inertia."""
     L = np.zeros((system.nb, 6, 6))
     L[:, range(3), range(3)] = np.sqrt(system.mass)[:, None]
     L[:, 3:, 3:] = np.linalg.cholesky(system.regular_inertia)
     return np.linalg.inv(L)
 
 
-def _rows(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows nb 6"]:
-    """Return A at each time (nt, nrows, nb, 6), by bodies (r_dot [space], Omega [body])."""
+def _evaluate_dense_jacobian(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows nb 6"]:
+    """Return the dense A at each time, its columns by bodies: r_dot [space], then Omega [body]."""
     A = np.zeros((len(s), system.nrows, system.nb, 6))
     for body, rows, translation, rotation in list_jacobian_parts(system, s):
         A[:, rows, body] += np.concatenate((translation, rotation), axis=-1)
     return A
 
 
-def _weigh(system: MultibodySystem, inverse: np.ndarray, A: np.ndarray) -> Float[np.ndarray, "nt nrows m"]:
-    """Return B = A L^-T (nt, nrows, 6 nb) from A and ``inverse``, which is L^-1."""
+def _weigh_rows(system: MultibodySystem, inverse: np.ndarray, A: np.ndarray) -> Float[np.ndarray, "nt nrows m"]:
+    """Return B = A L^-T (nt, nrows, 6 nb) from the dense A and ``inverse``, L^-1 of each body."""
     B = np.matmul(A.transpose(0, 2, 1, 3), np.swapaxes(inverse, -1, -2)).transpose(0, 2, 1, 3)
     return B.reshape(len(A), system.nrows, 6 * system.nb)
 
@@ -108,10 +111,11 @@ def _fill_dense(
 ) -> None:
     """Fill ``out`` with solutions by dense matrices, at all instants at once; it stays NaN where input is not finite.
 
-    ``inverse`` is L^-1, ``f`` the applied loads less gyroscopic ones (nt, nb, 6).
+    ``inverse`` is L^-1 of each body (nb, 6, 6), ``f`` the applied loads less Omega x J Omega (nt, nb, 6), ``A_dot_v``
+    the bias of phi_ddot (nt, nrows).
     """
-    A = _rows(system, s)
-    B = _weigh(system, inverse, A)
+    A = _evaluate_dense_jacobian(system, s)
+    B = _weigh_rows(system, inverse, A)
     good = np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(f), axis=(1, 2))
     good &= np.all(np.isfinite(A_dot_v), axis=1)
     found = _solve_saddle(inverse, B[good], f[good], A_dot_v[good])
@@ -125,25 +129,26 @@ def _fill_sparse(
 ) -> None:
     """Fill ``out`` with solutions by sparse factors, instant by instant; it stays NaN where input is not finite.
 
-    Arguments as of ``_fill_dense``; the cost grows with the fill of the factors.
+    The arguments are those of ``_fill_dense``; the cost grows with the fill of the factors.
     """
     spread = sparse.block_diag(np.swapaxes(inverse, -1, -2), format="csr")
-    for k, (A, B, square) in enumerate(_sparse_rows(system, s, spread)):
+    for k, (A, B, square) in enumerate(_list_sparse_rows(system, s, spread)):
         if not all(np.all(np.isfinite(x)) for x in (A.data, f[k], A_dot_v[k])):
             continue
         a, reaction = _solve_sparse(inverse, B, square, f[k], A_dot_v[k])
         out.a[k], out.reaction[k], out.load[k] = a, reaction, (A.T @ reaction).reshape(-1, 6)
 
 
-def _sparse_rows(
+def _list_sparse_rows(
     system: MultibodySystem, s: States, weight: sparse.csr_array
 ) -> Iterator[tuple[sparse.csr_array, sparse.csr_array, np.ndarray]]:
-    """Yield A, B = A ``weight`` and the sums of squares of B's rows at each time of ``s``."""
+    """Yield A, B = A ``weight`` and the sums of squares of B's rows at each time; ``weight`` is (6 nb, 6 nb)."""
     parts = list(list_jacobian_parts(system, s))
     row = np.concatenate([np.repeat(rows, 6) for _, rows, _, _ in parts])
     column = np.concatenate([np.ravel(6 * body[:, None] + np.arange(6)) for body, _, _, _ in parts])
     values = np.concatenate([np.concatenate(p[2:], axis=-1).reshape(len(s), -1) for p in parts], axis=1)
     nrows, many = system.nrows, max(1, int(TOGETHER / max(1, len(row))))
+    # the rows of many instants are stacked in one sparse matrix, since each product of matrices costs its call
     for some in (values[k : k + many] for k in range(0, len(s), many)):
         n = len(some)
         every = (row + nrows * np.arange(n)[:, None]).ravel(), np.tile(column, n)
@@ -156,23 +161,23 @@ def _sparse_rows(
 def find_least_changes(
     system: MultibodySystem, s: States, wanted: Float[np.ndarray, "nt nrows"], dependent: float
 ) -> Float[np.ndarray, "nt nb 6"]:
-    """Return the least changes x of the poses (r [space], turn [body]) with A x = ``wanted`` at each time.
+    """Return the least changes x of the poses (r [m, space], turn [rad, body]) with A x = ``wanted`` at each time.
 
-    Least is sum m (|x_r|^2 + gyration^2 |x_turn|^2). Rows are scaled to one, so that metres and radians count alike;
-    singular values below the share ``dependent`` of the largest are left out, those of sparse rows gradually (a share
-    d^2 / (s^2 + d^2) of each).
+    They minimise sum m (|x_r|^2 + gyration^2 |x_turn|^2). Rows are scaled to one, so that metres and radians count
+    alike. Singular values s below d = ``dependent`` times the largest are left out; with sparse rows, a fraction
+    d^2 / (s^2 + d^2) of each is.
     """
     weight = 1.0 / np.sqrt(system.mass)[:, None] * np.repeat([np.ones(system.nb), 1.0 / system.gyration], 3, 0).T
     y = np.zeros((len(s), 6 * system.nb))
     if is_dense(system):
         for part in _split_into_chunks(system, len(s)):
-            B = (_rows(system, s.at(part)) * weight).reshape(-1, system.nrows, 6 * system.nb)
+            B = (_evaluate_dense_jacobian(system, s.at(part)) * weight).reshape(-1, system.nrows, 6 * system.nb)
             size = np.linalg.norm(B, axis=2)
             size[size == 0.0] = 1.0
             least = factor_rows(B / size[..., None], dependent, multipliers=False)
             y[part] = least(wanted[part] / size)[0]
     else:
-        for k, (_, B, square) in enumerate(_sparse_rows(system, s, sparse.diags_array(weight.ravel()).tocsr())):
+        for k, (_, B, square) in enumerate(_list_sparse_rows(system, s, sparse.diags_array(weight.ravel()).tocsr())):
             size = np.sqrt(square)
             size[size == 0.0] = 1.0
             S = (sparse.diags_array(1.0 / size) @ B).tocsr()
@@ -184,7 +189,10 @@ def find_least_changes(
 def _solve_sparse(
     inverse: np.ndarray, B: sparse.csr_array, square: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return accelerations (nb, 6) and reactions (nrows,) at one instant; ``square`` are the squares of B's rows."""
+    """Return accelerations (nb, 6) and reactions (nrows,) at one instant; arguments as of ``_solve_saddle``.
+
+    ``square`` are the sums of squares of B's rows.
+    """
     size, least = _factor_sparse(B, square)
     x = np.einsum("bij,bj->bi", inverse, f).ravel()
     more, mu = least((-A_dot_v - B @ x) / size)
@@ -194,12 +202,12 @@ def _solve_sparse(
 def _factor_sparse(
     B: sparse.csr_array, square: np.ndarray, regular: float = REGULAR, passes: int = PASSES
 ) -> tuple[float, Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]]:
-    """Factor B = A L^-T; return its size, and a function that takes c to the least x with B x = size c, and to mu.
+    """Factor B = A L^-T; return its size, the largest norm of a row, and a function of c that returns x and mu.
 
-    x = B^T mu / size. ``square`` are the sums of squares of B's rows. By iterated regularisation in at most ``passes``:
-    mu += (B B^T + e)^-1 (c - B B^T mu) with e = ``regular``. Redundant rows need no choice: the part of mu that they
-    leave open does not enter B^T mu. The factor is that of [[1, B^T], [B, -e]], which avoids squaring the condition of
-    B.
+    x is the least solution of B x = size c, and x = B^T mu / size. ``square`` are the sums of squares of B's rows. The
+    method is iterated regularisation in at most ``passes``: with S = B / size, mu += (S S^T + e)^-1 (c - S S^T mu), e =
+    ``regular``. Redundant rows need no choice: the part of mu that they leave open does not enter S^T mu. What is
+    factored is [[1, S^T], [S, -e]], which avoids squaring the condition of S.
     """
     n = B.shape[1]
     size = float(np.sqrt(np.max(square, initial=0.0))) or 1.0
@@ -222,10 +230,10 @@ def _factor_sparse(
 def factor_rows(
     B: Float[np.ndarray, "n k m"], dependent: float = 1e-9, *, multipliers: bool = True
 ) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Factor B; return a function that takes c (n, k) to the least x (n, m) with B x = c, and to mu with B^T mu = x.
+    """Factor B; return a function of c (n, k) that returns the least x (n, m) with B x = c, and mu with B^T mu = x.
 
-    By QR where rows are far from dependent, by singular values, ten times as slow, elsewhere: those below the part
-    ``dependent`` of the largest are left out. Without ``multipliers``, mu may be left zero.
+    QR serves where rows are far from dependent, singular values, ten times as slow, elsewhere: those below
+    ``dependent`` times the largest are left out. Without ``multipliers``, mu may be left zero.
     """
     sure = np.zeros(len(B), dtype=bool)
     if 0 < B.shape[1] <= B.shape[2] and len(B):
@@ -250,7 +258,7 @@ def factor_rows(
 
 
 def _apply_factors(Q: np.ndarray, R: np.ndarray, multipliers: bool, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least x with (Q R)^T x = c and, with ``multipliers``, mu with Q R mu = x, else zeros."""
+    """Return the least x with (Q R)^T x = c, and mu with Q R mu = x: zeros without ``multipliers``."""
     y = np.linalg.solve(np.swapaxes(R, -1, -2), np.ascontiguousarray(c)[:, :, None])
     mu = np.linalg.solve(R, y)[:, :, 0] if multipliers else np.zeros_like(c)
     return (Q @ y)[:, :, 0], mu
@@ -259,7 +267,7 @@ def _apply_factors(Q: np.ndarray, R: np.ndarray, multipliers: bool, c: np.ndarra
 def _solve_saddle(
     inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return accelerations (nt, nb, 6) and reactions (nt, nrows) from L^-1 by bodies, B = A L^-T, f and A_dot v."""
+    """Return accelerations (nt, nb, 6) and reactions (nt, nrows) from L^-1 of each body, B = A L^-T, f and A_dot v."""
     x = np.einsum("bij,tbj->tbi", inverse, f).reshape(B.shape[::2])
     more, reaction = factor_rows(B)(-A_dot_v - apply_matrices(B, x))
     return np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(f.shape)), reaction

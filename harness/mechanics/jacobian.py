@@ -27,10 +27,10 @@ def constraint_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
 
 
 def scale_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
-    """Return A for velocities (r_dot, gyration Omega), all in m/s, rows of unit length: its rank is that of the rows.
+    """Return A for velocities (r_dot, gyration Omega), all in m/s, with rows of unit length, from which to find ranks.
 
-    In metres and radians a row of an axis is 1e-10 of that of a point on an arm of 1e5 m; in masses a light body's rows
-    vanish beside a heavy one's. Neither says anything about rank.
+    In metres and radians a row of an axis is 1e-10 of that of a point on an arm of 1e5 m; scaled by masses, rows of a
+    light body vanish beside those of a heavy one. Neither says anything about rank.
     """
     columns = np.repeat(np.stack((np.ones(system.nb), 1.0 / system.gyration), axis=1), 3, axis=1).ravel()
     A = constraint_jacobian(system, state) @ sp.diags_array(columns)
@@ -39,10 +39,10 @@ def scale_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
 
 
 def independent_rows(system: MultibodySystem, state: State, rtol: float = 1e-9) -> Int[np.ndarray, " rank"]:
-    """Return the numbers, ascending, of a maximal set of independent constraint rows at ``state``: pivoted QR of A^T.
+    """Return the indices, ascending, of a maximal set of independent constraint rows at ``state``, by QR of A^T.
 
-    ``rtol`` is relative to the largest pivot: rounding leaves about 1e-15, the smallest true pivot of the problems here
-    is above 1e-3 at the start.
+    A is scaled, and pivots below ``rtol`` times the largest count as zero: rounding leaves about 1e-15, and the
+    smallest true pivot of the problems here is above 1e-3 at the start.
     """
     if system.nrows == 0:
         return np.zeros(0, dtype=np.int64)
@@ -53,7 +53,7 @@ def independent_rows(system: MultibodySystem, state: State, rtol: float = 1e-9) 
 def factor_with_pivots(
     A: Float[np.ndarray, "m n"], mode: Literal["economic", "full"] = "economic"
 ) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, " p"], Int[np.ndarray, " n"]]:
-    """Return Q of a QR factorisation of ``A`` with column pivots, their absolute values, and the order of columns."""
+    """Factor ``A`` by QR with column pivots; return Q, the absolute values of the pivots, and the order of columns."""
     Q, pivots, order = sl.qr(A, mode=mode, pivoting=True)
     return Q, np.abs(np.diag(pivots)), order
 

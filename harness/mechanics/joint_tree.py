@@ -73,35 +73,35 @@ class Tree(NamedTuple):
 
 
 def build_spanning_tree(system: MultibodySystem, start: State) -> Tree:
-    """Return the spanning tree of a system by the module's rule, its cut joints, and its coordinates at ``start``.
+    """Return the spanning tree of a system by the module's rule, with cut joints and its coordinates at ``start``.
 
-    Its arrays are read-only.
+    Its arrays are read-only, since it serves all solves of a problem.
     """
     reached = walk_joints(system, MOTIONS).reached
-    base = _base(system, start, reached)
+    base = _find_base_frame(system, start, reached)
     frames = remove_rounding(product(base, start.R))
-    ground = [*frames, base]  # the last one is the ground's
+    all_frames = [*frames, base]  # the last one is the ground's
     points = np.zeros((system.nb + 1, 3))  # P of each body, in the base frame
     limbs: list[Limb] = []
     q_at = u_at = 0
     for body, (parent, k) in reached.items():
-        limb = _limb(system, start, base, ground, points, (body, parent, k))._replace(q_at=q_at, u_at=u_at)
+        limb = _make_limb(system, start, base, all_frames, points, (body, parent, k))._replace(q_at=q_at, u_at=u_at)
         limbs.append(limb)
         q_at, u_at = q_at + limb.sizes[0], u_at + limb.sizes[1]
     used = {limb.joint for limb in limbs}
     cuts = tuple(k for k in range(system.nj) if k not in used)
     tree = Tree(tuple(limbs), cuts, base, frames, np.zeros(0))
-    tree = tree._replace(start=np.concatenate(_coordinates(tree, start)))
+    tree = tree._replace(start=np.concatenate(_find_start_coordinates(tree, start)))
     for array in (*tree, *(part for limb in limbs for part in limb)):
         if isinstance(array, np.ndarray):
-            array.setflags(write=False)  # a tree serves all solves of a problem
+            array.setflags(write=False)
     return tree
 
 
 def remove_rounding(a: np.ndarray, size: float | None = None) -> np.ndarray:
     """Return a copy of ``a`` in which numbers that differ from 0, 1 or -1 by rounding alone are set to these.
 
-    Rounding is ``NOISE`` times ``size``, or times the largest number of ``a``.
+    Rounding is ``NOISE`` times ``size``, by default the largest magnitude in ``a``.
     """
     out = np.array(a, dtype=float)
     noise = NOISE * (float(np.max(np.abs(out), initial=0.0)) if size is None else size)
@@ -111,10 +111,11 @@ def remove_rounding(a: np.ndarray, size: float | None = None) -> np.ndarray:
     return out
 
 
-def _base(system: MultibodySystem, start: State, reached: dict[int, tuple[int, int]]) -> np.ndarray:
+def _find_base_frame(system: MultibodySystem, start: State, reached: dict[int, tuple[int, int]]) -> np.ndarray:
     """Return the rotation from space to the base frame: z along the first hinge or slide, y against gravity.
 
-    y is normal to z. Without hinge and slide, z is against gravity or, without gravity, along Z of space.
+    y is made normal to z. Revolute and cylindrical joints are taken before universal and prismatic ones; without any, z
+    is against gravity or, without gravity, along Z of space. ``reached`` has (parent, joint) by body.
     """
     up, z = -system.gravity, np.zeros(3)
     joints = [k for _, k in reached.values() if k >= 0]
@@ -124,6 +125,7 @@ def _base(system: MultibodySystem, start: State, reached: dict[int, tuple[int, i
                 z = apply(start.R[system.joint_i[k]], system.joint_u[k])
     z = z if np.any(z) else up if np.any(up) else np.eye(3)[2]
     z = z / np.sqrt(dot(z, z))
+    # against gravity, unless that is along z or zero: else the axis of space that is farthest from z
     for y in (up, *np.eye(3)[np.argsort(np.abs(z), kind="stable")]):
         y = y - dot(y, z) * z
         if dot(y, y) > 1e-12 * max(1.0, dot(up, up)):
@@ -132,16 +134,20 @@ def _base(system: MultibodySystem, start: State, reached: dict[int, tuple[int, i
     return remove_rounding(np.stack((np.cross(y, z), y, z)))
 
 
-def _limb(
+def _make_limb(
     system: MultibodySystem,
     start: State,
     base: np.ndarray,
     frames: list[np.ndarray],
     points: np.ndarray,
-    of: tuple[int, int, int],
+    connection: tuple[int, int, int],
 ) -> Limb:
-    """Return the limb of a body on its parent by joint k, ``of`` (body, parent, k); set its P in ``points``."""
-    s, (body, parent, k) = system, of
+    """Return the limb of a ``connection`` (body, parent, joint), and set its P in ``points`` [m, base frame].
+
+    A joint of -1 lets the body float. ``frames`` take bodies and, last, the ground to the base frame. The places of the
+    coordinates, ``q_at`` and ``u_at``, stay 0.
+    """
+    s, (body, parent, k) = system, connection
     r, none = apply(base, start.r[body]), np.zeros((0, 3))
     if k < 0:
         points[body] = r
@@ -163,10 +169,11 @@ def _limb(
     return Limb(body, parent, k, child_is_i, turns, slides, kind == "spherical", arm, beside, centre, 0, 0)
 
 
-def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
-    """Return coordinates and velocities of a tree at the start.
+def _find_start_coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
+    """Return coordinates (nq,) and velocities (nu,) of a tree at the start.
 
-    Angles and lengths are 0; velocities are found joint by joint, as far as the joint allows them.
+    Angles and displacements are 0, quaternions 1. Velocities are found joint by joint: of the bodies' relative motion,
+    what the joint leaves free.
     """
     q, u = np.zeros(tree.nq), np.zeros(tree.nu)
     omega = np.concatenate((apply(tree.frames, start.Omega), np.zeros((1, 3))))
@@ -182,12 +189,12 @@ def _coordinates(tree: Tree, start: State) -> tuple[np.ndarray, np.ndarray]:
         if limb.ball:
             q[limb.q_at + ns], own[ns:] = 1.0, omega[b]
         elif len(limb.turns):
-            own[ns:] = _rates_about(limb.turns, omega[b] - omega[p])
+            own[ns:] = _find_rates_about(limb.turns, omega[b] - omega[p])
     return q, u
 
 
-def _rates_about(turns: Float[np.ndarray, "nt 3"], omega: Float[np.ndarray, " 3"]) -> np.ndarray:
-    """Return the rates about one or two axes whose sum is nearest to the angular velocity ``omega``."""
+def _find_rates_about(turns: Float[np.ndarray, "nt 3"], omega: Float[np.ndarray, " 3"]) -> np.ndarray:
+    """Return the rates [rad/s] about one or two axes whose sum is nearest to the angular velocity ``omega``."""
     first, *second = turns
     if not second:
         return np.array([dot(first, omega) / dot(first, first)])

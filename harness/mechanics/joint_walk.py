@@ -16,10 +16,10 @@ class Walk(NamedTuple):
 
 
 def walk_joints(system: MultibodySystem, followed: Collection[str], uncut: Collection[str] = ()) -> Walk:
-    """Build a spanning tree of the bodies, as joints of the kinds ``followed`` reach them from the ground.
+    """Build a spanning tree of the bodies along joints of the kinds ``followed``, breadth first from the ground.
 
-    Breadth first; joints of the kinds ``uncut`` are followed as soon as one of their bodies is reached, so that none of
-    them closes a loop that another can close. A part that no joint connects to the ground floats on its first body.
+    Joints of the kinds ``uncut`` are followed as soon as one of their bodies is reached, so that none of them closes a
+    loop that another can close. A group of bodies that no such joint connects to the ground floats on its first body.
     """
     walk = Walk({}, {body: [] for body in range(GROUND, system.nb)})
     neighbours: dict[int, list[tuple[int, int]]] = {body: [] for body in range(GROUND, system.nb)}

@@ -28,9 +28,10 @@ class UndigestibleValue(Exception):
 
 @making_code
 def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any) -> Any:
-    """Return ``function`` as numba's C callback, loaded from disk where it was compiled before.
+    """Return ``function`` as numba's C callback, loaded from disk if it was compiled before.
 
-    ``returns`` and ``arguments`` are numba's types of its result and parameters.
+    ``returns`` and ``arguments`` are numba's types of its result and parameters. A function that has no digest is
+    compiled in each process.
     """
     path = None
     with contextlib.suppress(UndigestibleValue):
@@ -41,9 +42,10 @@ def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any
 
 
 def digest_callback(function: Callable[..., Any], *more: object) -> str:
-    """Return a digest of all that determines a callback's machine code; raise ``UndigestibleValue`` if there is none.
+    """Return a digest of all that determines a callback's machine code; raise UndigestibleValue if it has none.
 
-    These are bytecode, constants, closures, globals, versions and processor, and ``more``.
+    This is its bytecode, constants, closure and globals, the versions of libraries, the processor, and ``more``: here
+    the types of its arguments and result.
     """
     import llvmlite
     import llvmlite.binding as llvm
@@ -59,9 +61,9 @@ def digest_callback(function: Callable[..., Any], *more: object) -> str:
 
 
 def _list_parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
-    """Yield all parts of ``value``, as text or bytes, for a digest; raise ``UndigestibleValue`` for unknown types.
+    """Yield text and bytes that identify ``value`` in a digest; raise UndigestibleValue for a type without such text.
 
-    ``seen`` are the functions yielded already, which may refer to themselves.
+    ``seen`` are the functions described so far: a recursive one is yielded by its number there.
     """
     if any(value is known for known in seen):
         yield f"seen {next(k for k, known in enumerate(seen) if known is value)}"
@@ -72,7 +74,7 @@ def _list_parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
         yield from _list_parts(inner, seen)
     elif isinstance(value, FunctionType):
         seen.append(value)
-        yield from _code(value.__code__, value.__globals__, seen)
+        yield from _list_code_parts(value.__code__, value.__globals__, seen)
         cells = (cell.cell_contents for cell in value.__closure__ or ())
         for part in (value.__defaults__, tuple(sorted((value.__kwdefaults__ or {}).items())), tuple(cells)):
             yield from _list_parts(part, seen)
@@ -86,7 +88,7 @@ def _list_parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
         for part in value:
             yield from _list_parts(part, seen)
     elif isinstance(value, CodeType):
-        yield from _code(value, {}, seen)
+        yield from _list_code_parts(value, {}, seen)
     elif isinstance(value, ModuleType) and value.__name__.partition(".")[0] in LIBRARIES:
         yield value.__name__
     elif isinstance(value, (BuiltinFunctionType, np.ufunc, type)) and _find_package(value) in LIBRARIES:
@@ -100,13 +102,13 @@ def _find_package(value: Any) -> str:
     return "numpy" if isinstance(value, np.ufunc) else str(value.__module__).partition(".")[0]
 
 
-def _code(code: CodeType, names: dict[str, Any], seen: list[Any]) -> Iterator[str | bytes]:
+def _list_code_parts(code: CodeType, names: dict[str, Any], seen: list[Any]) -> Iterator[str | bytes]:
     """Yield bytecode, names and constants of a code object, with the values that ``names`` gives its globals."""
     yield code.co_code
     yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_argcount))
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _code(constant, names, seen)
+            yield from _list_code_parts(constant, names, seen)
         elif isinstance(constant, frozenset):
             yield repr(sorted(map(repr, constant)))
         else:

@@ -22,8 +22,8 @@ def march(
 ) -> tuple[Status, str]:
     """Call ``advance`` until the end of the problem, a limit or a failure; return status and message of the run.
 
-    ``advance`` appends the times [s] of accepted steps to ``times``. Before each call ``check_clock`` may raise
-    ``StepFailure``, as ``advance`` may.
+    ``advance`` takes steps and appends the times [s] at their ends to ``times``, which begins with the start. Before
+    each call ``check_clock`` is called; both may raise ``StepFailure``, which ends the run.
     """
     try:
         while times[-1] < problem.t_end:

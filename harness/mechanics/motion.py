@@ -42,7 +42,10 @@ def energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
 
 
 def applied_loads(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
-    """Sum gravity, springs, dampers, loads, user forces on each body: force [N, space], torque about C [N m, body]."""
+    """Return the sum of applied forces on each body [N, space], and of torques about C [N m, body].
+
+    These are gravity, springs, dampers, loads and user forces; reactions of joints are left out.
+    """
     out = np.zeros((len(s.r), system.nb + 1, 6))  # the last one is the ground
     out[:, :-1, :3] = system.mass[:, None] * system.gravity
     for k in range(len(system.spring_k)):
@@ -89,7 +92,7 @@ PLACES = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
 
 
 def choose_difference_step(system: MultibodySystem, s: States) -> float:
-    """Return the step [s] over which rates of a motion are differenced: no body turns by more than ``REACH`` in it."""
+    """Return the step [s] of differences of a motion's rates: no body or drive turns by more than ``REACH`` in it."""
     return REACH / max(float(np.max(np.abs(a), initial=1.0)) for a in (s.Omega, system.joint_motion[:, 5]))
 
 
@@ -98,7 +101,7 @@ def evaluate_acceleration_bias(
 ) -> Float[np.ndarray, "nt nrows"]:
     """Return A_dot v + (phi_t)_dot, the rate of phi_dot at constant velocities, by sixth-order differences.
 
-    ``steps`` [s] are those of the differences at each time, by default ``choose_difference_step`` of the whole motion.
+    ``steps`` [s] are the steps of the differences at each time, by default ``choose_difference_step`` of the motion.
     """
     dt = np.full(len(s), choose_difference_step(system, s)) if steps is None else steps
     if (most := max(1, POSES // system.nb)) < len(s):
@@ -140,44 +143,44 @@ def angular_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "n
 
 def constraint(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     """Return phi: point and line rows [m], axis rows [-] (module ``joints``); 0 for rows that have none."""
-    return _rows(system, s, velocity=False)
+    return _evaluate_rows(system, s, velocity=False)
 
 
 def measure_gaps(
     system: MultibodySystem, s: States, phi: Float[np.ndarray, "nt nrows"] | None = None
 ) -> Float[np.ndarray, "nt nrows"]:
-    """Return phi as ``constraint`` does, but 2 - |phi| with its sign for joints assembled half a turn away.
+    """Return phi, but 2 - |phi| with the sign of phi for joints assembled half a turn away, so that it does not vanish.
 
-    Half a turn away a row vanishes as well: of driven angles, sin(theta - f), and the last row of fixed and prismatic
-    joints, the sine of the turn about the axis. The others have no second root, or one that is the same joint: the
-    axis of a hinge is a line. ``phi`` is that of ``constraint``, if it is known already.
+    Half a turn away two kinds of rows vanish as well: of driven angles, sin(theta - f), and the last row of fixed and
+    prismatic joints, the sine of the turn about the axis. The others have no second root, or one that is the same
+    joint: the axis of a hinge is a line. ``phi`` is what ``constraint`` returns, if it is known already.
     """
     phi = constraint(system, s) if phi is None else phi.copy()
     if not np.any(system.joint_axes) and not np.any(system.joint_moving):
         return phi
-    push, axis = evaluate_moving_rows(system, s), system.axis_rows()
-    # first of the three axis rows of a joint
-    last = np.flatnonzero(np.append(axis.joint[:-2] == axis.joint[2:], [False, False]))
-    joint = axis.joint[last]
+    moving, axis = evaluate_moving_rows(system, s), system.axis_rows()
+    # the first of the three axis rows of a joint; w . n_1 is the cosine of the turn about the axis
+    first = np.flatnonzero(np.append(axis.joint[:-2] == axis.joint[2:], [False, False]))
+    joint = axis.joint[first]
     w, n = (
         turn_vectors(s, system.joint_i[joint], system.joint_w[joint]),
-        turn_vectors(s, system.joint_j[joint], axis.n[last]),
+        turn_vectors(s, system.joint_j[joint], axis.n[first]),
     )
-    for row, along in ((axis.row[last + 2], np.sum(w * n, axis=-1)), (push.row, push.along)):
+    for row, cosine in ((axis.row[first + 2], np.sum(w * n, axis=-1)), (moving.row, moving.cosine)):
         sign = np.where(phi[:, row] < 0.0, -1.0, 1.0)
-        phi[:, row] = np.where(along < 0.0, sign * (2.0 - np.abs(phi[:, row])), phi[:, row])
+        phi[:, row] = np.where(cosine < 0.0, sign * (2.0 - np.abs(phi[:, row])), phi[:, row])
     return phi
 
 
 def constraint_rate(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     """Return phi_dot = A v + phi_t: point and line rows [m/s], axis rows [1/s]."""
-    return _rows(system, s, velocity=True)
+    return _evaluate_rows(system, s, velocity=True)
 
 
 def evaluate_scaling_masses(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     """Return the diagonal of M_bar, Eq. (30), with c = a / (a . a): the weights of the norm of Eq. (81).
 
-    Unit: kg for point and line rows; for axis rows kg m2. Rows a are per body velocities (r_dot [space], Omega [body]).
+    It is in kg for point and line rows, in kg m2 for axis rows; a are the rows of A for (r_dot [space], Omega [body]).
     """
     aa, aMa = np.zeros((2, len(s.r), system.nrows))
     for body, rows, translation, rotation in list_jacobian_parts(system, s):
@@ -192,37 +195,38 @@ def list_jacobian_parts(
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
     """Yield A in pieces: bodies (m,), constraint rows (m,), and A's entries there for r_dot [space] and Omega [body].
 
-    The entries are (nt, m, 3) each; a body and row occur once at most in a piece.
+    The entries are (nt, m, 3) each; a pair of a body and a row occurs once at most in a piece.
     """
     joints, point = system.point_rows()
     line, axis = system.line_rows(), system.axis_rows()
-    push = evaluate_moving_rows(system, s)
+    moving = evaluate_moving_rows(system, s)
     torque = so3.cross(
         turn_vectors(s, system.joint_i[axis.joint], axis.u), turn_vectors(s, system.joint_j[axis.joint], axis.n)
     )
-    way = _evaluate_line_rows(system, s, line, velocity=False)[1]
+    direction = _evaluate_line_rows(system, s, line, velocity=False)[1]
     for ends, arms, sign in ((system.joint_i, system.joint_s_i, 1.0), (system.joint_j, system.joint_s_j, -1.0)):
         m = np.flatnonzero(ends[joints] != GROUND)
         body, arm = ends[joints[m]], arms[joints[m]]
         for c in range(3):  # on Omega: e_c . R (Omega x s) = (s x R^T e_c) . Omega
             unit = np.broadcast_to(sign * np.eye(3)[c], (len(s.r), len(m), 3))
             yield body, point[m, c], unit, sign * so3.cross(arm, s.R[:, body, c])
-        m = np.flatnonzero(ends[line.joint] != GROUND)  # a force along the way at the point of i, on both bodies
+        m = np.flatnonzero(ends[line.joint] != GROUND)  # a force along it at the point of i, on both bodies
         body = ends[line.joint[m]]
         x = find_points(system, s, line.joint[m])[0]
-        moment = so3.cross(x - s.r[:, body], way[:, m])
-        yield body, line.row[m], sign * way[:, m], sign * apply_matrices(np.swapaxes(s.R[:, body], -1, -2), moment)
+        moment = so3.cross(x - s.r[:, body], direction[:, m])
+        rotation = apply_matrices(np.swapaxes(s.R[:, body], -1, -2), moment)
+        yield body, line.row[m], sign * direction[:, m], sign * rotation
         m = np.flatnonzero(ends[axis.joint] != GROUND)
         body = ends[axis.joint[m]]
         spin = apply_matrices(np.swapaxes(s.R[:, body], -1, -2), torque[:, m])
         yield body, axis.row[m], np.zeros_like(spin), sign * spin
-        m = np.flatnonzero(ends[push.joint] != GROUND)  # a force at the row's own point, on both bodies, and a torque
-        body = ends[push.joint[m]]
-        moment = push.torque[:, m] + so3.cross(push.point[:, m] - s.r[:, body], push.force[:, m])
+        m = np.flatnonzero(ends[moving.joint] != GROUND)  # a force at the row's own point, on both bodies, and a torque
+        body = ends[moving.joint[m]]
+        moment = moving.torque[:, m] + so3.cross(moving.point[:, m] - s.r[:, body], moving.force[:, m])
         yield (
             body,
-            push.row[m],
-            sign * push.force[:, m],
+            moving.row[m],
+            sign * moving.force[:, m],
             sign * apply_matrices(np.swapaxes(s.R[:, body], -1, -2), moment),
         )
 
@@ -253,7 +257,7 @@ def point_velocity(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np
 
 
 def evaluate_spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vector from the point of j to that of i of spring ``k`` [m], and its rate [m/s], in space (nt, 3)."""
+    """Return the vector from the end on j to the end on i of spring ``k`` [m], and its rate [m/s], in space (nt, 3)."""
     i, j = system.spring_i[k], system.spring_j[k]
     d = point_position(s, i, system.spring_p_i[k]) - point_position(s, j, system.spring_p_j[k])
     d_dot = point_velocity(s, i, system.spring_p_i[k]) - point_velocity(s, j, system.spring_p_j[k])
@@ -265,31 +269,31 @@ def _evaluate_line_rows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return phi of the line rows (nt, m), or phi_dot if ``velocity``, and the direction of their force (nt, m, 3).
 
-    The direction is R_j n, or d / L of a distance.
+    The direction, in space, is R_j n, or d / L for a distance.
     """
     if not len(line.row):
         return np.zeros((len(s.r), 0)), np.zeros((len(s.r), 0, 3))
     d, n = find_gap_vectors(system, s, line.joint, velocity=False), turn_vectors(s, system.joint_j[line.joint], line.n)
     link = line.length > 0.0
     L = np.where(link, line.length, 1.0)
-    way = np.where(link[:, None], d / L[:, None], n)
+    direction = np.where(link[:, None], d / L[:, None], n)
     if not velocity:
-        return np.where(link, 0.5 * (np.sum(d * way, axis=-1) - line.length), np.sum(d * n, axis=-1)), way
+        return np.where(link, 0.5 * (np.sum(d * direction, axis=-1) - line.length), np.sum(d * n, axis=-1)), direction
     d_dot = find_gap_vectors(system, s, line.joint, velocity=True)
     n_dot = find_vector_rates(s, system.joint_j[line.joint], line.n)
-    return np.sum(d_dot * way, axis=-1) + np.where(link, 0.0, np.sum(d * n_dot, axis=-1)), way
+    return np.sum(d_dot * direction, axis=-1) + np.where(link, 0.0, np.sum(d * n_dot, axis=-1)), direction
 
 
-def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
-    """Return phi (nt, nrows), or phi_dot if ``velocity``, of all kinds of rows."""
+def _evaluate_rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
+    """Return phi (nt, nrows), or phi_dot if ``velocity``: point, line, moving and axis rows, each in its place."""
     out = np.empty((len(s.r), system.nrows))
     joints, point = system.point_rows()
     out[:, point] = find_gap_vectors(system, s, joints, velocity=velocity)
     line, axis = system.line_rows(), system.axis_rows()
     out[:, line.row] = _evaluate_line_rows(system, s, line, velocity=velocity)[0]
     if np.any(system.joint_moving):
-        push = evaluate_moving_rows(system, s)
-        out[:, push.row] = push.rate(system, s) if velocity else push.phi
+        moving = evaluate_moving_rows(system, s)
+        out[:, moving.row] = moving.rate(system, s) if velocity else moving.phi
     if not len(axis.row):
         return out
     ends = (system.joint_i[axis.joint], axis.u), (system.joint_j[axis.joint], axis.n)

@@ -47,26 +47,26 @@ class MovingRowTerms(NamedTuple):
     force: Float[np.ndarray, "nt m 3"]  # on body i for a reaction of 1; the opposite on j
     torque: Float[np.ndarray, "nt m 3"]  # likewise
     point: Float[np.ndarray, "nt m 3"]  # [m] where the force acts
-    along: Float[np.ndarray, "nt m"]  # cos(theta - f) of driven angles, 1 of the others
+    cosine: Float[np.ndarray, "nt m"]  # cos(theta - f) of driven angles, 1 of the others
 
     def rate(self, system: MultibodySystem, s: States) -> Float[np.ndarray, "nt m"]:
-        """Return phi_dot of the moving rows (nt, m) at the velocities of ``s``."""
+        """Return phi_dot of the moving rows at the velocities of ``s``, by the module's first equation."""
         r, v = (append_ground(a, np.zeros(3)) for a in (s.r, s.v))
         omega = append_ground(apply_matrices(s.R, s.Omega), np.zeros(3))
-        seen, spin = np.zeros((2, *self.force.shape))
+        slip, spin = np.zeros((2, *self.force.shape))  # v_i - v_j at the point, omega_i - omega_j
         for ends, sign in ((system.joint_i, 1.0), (system.joint_j, -1.0)):
             b = ends[self.joint]
-            seen += sign * (v[:, b] + so3.cross(omega[:, b], self.point - r[:, b]))
+            slip += sign * (v[:, b] + so3.cross(omega[:, b], self.point - r[:, b]))
             spin += sign * omega[:, b]
-        return np.sum(self.force * seen + self.torque * spin, axis=-1) + self.phi_t
+        return np.sum(self.force * slip + self.torque * spin, axis=-1) + self.phi_t
 
 
 def evaluate_moving_rows(system: MultibodySystem, s: States) -> MovingRowTerms:
-    """Evaluate phi, phi_t, force and torque of all moving rows at the times and poses of ``s``."""
+    """Evaluate phi, phi_t, forces, torques and points of all moving rows at the times and poses of ``s``."""
     rows = system.moving_rows()
     joint = np.repeat(rows.joint, system.joint_moving[rows.joint])
     nt, m = len(s.r), len(joint)
-    phi, phi_t, vectors, along = np.zeros((nt, m)), np.zeros((nt, m)), np.zeros((3, nt, m, 3)), np.ones((nt, m))
+    phi, phi_t, vectors, cosine = np.zeros((nt, m)), np.zeros((nt, m)), np.zeros((3, nt, m, 3)), np.ones((nt, m))
     if m:
         row = np.concatenate([k + np.arange(n) for k, n in zip(rows.row, system.joint_moving[rows.joint], strict=True)])
         x_i, x_j = find_points(system, s, rows.joint)
@@ -75,22 +75,25 @@ def evaluate_moving_rows(system: MultibodySystem, s: States) -> MovingRowTerms:
         f, f_dot, _ = (a.T for a in evaluate_functions(system.joint_motion[rows.joint], s.times))
         at = 0
         for k, kind in enumerate(rows.kind):
-            here = [x_i[:, k], x_j[:, k], u[:, k], *(a[:, k] for a in n)]
+            v = _JointVectors(x_i[:, k], x_j[:, k], u[:, k], *(a[:, k] for a in n))
             if kind == MovingKind.DRIVEN_ANGLE:
-                along[:, at] = -_dot(here[2], _rotate_normal(here, f[k])[1])
-            for made in ROWS_OF[kind](here, f[k], f_dot[k], float(system.joint_length[rows.joint[k]])):
-                phi[:, at], phi_t[:, at], vectors[0, :, at], vectors[1, :, at], vectors[2, :, at] = made
+                cosine[:, at] = -_dot(v.u, _rotate_normal(v, f[k])[1])
+            for terms in ROWS_OF[kind](v, f[k], f_dot[k], float(system.joint_length[rows.joint[k]])):
+                phi[:, at], phi_t[:, at], vectors[0, :, at], vectors[1, :, at], vectors[2, :, at] = terms
                 at += 1
     else:
         row = np.zeros(0, dtype=np.int64)
-    return MovingRowTerms(joint, row, phi, phi_t, vectors[0], vectors[1], vectors[2], along)
+    return MovingRowTerms(joint, row, phi, phi_t, vectors[0], vectors[1], vectors[2], cosine)
 
 
 SAMPLES, MOST_SAMPLES = 200, 1e6  # samples of a function of time: in a period of its sine, and in all
 
 
 def check_lengths(system: MultibodySystem, t_end: float) -> None:
-    """Raise ValueError unless driven distances stay above 0 up to ``t_end`` [s]: else d loses its direction."""
+    """Raise ValueError unless driven distances stay above 0 m up to ``t_end`` [s]: at 0, d has no direction.
+
+    Each f(t) is sampled; where its sine has too many periods for that, the cubic less the amplitude must stay above 0.
+    """
     for k in np.flatnonzero(system.joint_sort == KINDS.index(MovingKind.DRIVEN_DISTANCE)):
         numbers, swing = system.joint_motion[k].copy(), 0.0
         count = SAMPLES * abs(numbers[5]) * t_end / (2.0 * math.pi)
@@ -109,72 +112,85 @@ def check_lengths(system: MultibodySystem, t_end: float) -> None:
             )
 
 
-Rows = list[tuple]  # (phi, phi_t, force, torque, point) of each row of a joint
+class _JointVectors(NamedTuple):
+    """The points [m] and unit vectors of a joint in space at each time, (nt, 3) each."""
+
+    x_i: np.ndarray
+    x_j: np.ndarray
+    u: np.ndarray  # fixed in body i
+    n_1: np.ndarray  # fixed in body j, as the next two
+    n_2: np.ndarray
+    n_3: np.ndarray
 
 
-def _driven_position(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
-    """Return the row of a driven position, from ``here``: (x_i, x_j, u, n_1, n_2, n_3) in space.
+class _RowTerms(NamedTuple):
+    """The terms of one moving row at each time, as in ``MovingRowTerms``; a lone 0 stands for zeros."""
 
-    Here and below f, f_dot are the values of the joint's function of time, ``length`` its radius [m] if it has one.
-    """
-    x_i, x_j, _, n, _, _ = here
-    return [(_dot(n, x_i - x_j) - f, -f_dot, n, 0.0, x_i)]
-
-
-def _driven_distance(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
-    """Return the row of a driven distance, |d| - f."""
-    x_i, x_j = here[:2]
-    distance = np.linalg.norm(x_i - x_j, axis=-1)
-    return [(distance - f, -f_dot, (x_i - x_j) / distance[:, None], 0.0, x_i)]
+    phi: np.ndarray | float
+    phi_t: np.ndarray | float
+    force: np.ndarray | float
+    torque: np.ndarray | float
+    point: np.ndarray
 
 
-def _driven_angle(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
-    """Return the row of a driven angle, u . n(f)."""
-    x_i, _, u = here[:3]
-    n, dn = _rotate_normal(here, f)
-    return [(_dot(u, n), _dot(u, dn) * f_dot, 0.0, so3.cross(u, n), x_i)]
+def _evaluate_driven_position(v: _JointVectors, f: np.ndarray, f_dot: np.ndarray, length: float) -> list[_RowTerms]:
+    """Return the row of a driven position, n_1 . d - f(t); ``f`` and ``f_dot`` are values at each time."""
+    return [_RowTerms(_dot(v.n_1, v.x_i - v.x_j) - f, -f_dot, v.n_1, 0.0, v.x_i)]
 
 
-def _rotate_normal(here: list[np.ndarray], f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return n(f) of a driven angle, the direction to which u is normal, and dn/df, in space."""
-    n_1, n_2, cosine, sine = here[3], here[4], np.cos(f)[:, None], np.sin(f)[:, None]
-    return n_1 * cosine + n_2 * sine, n_2 * cosine - n_1 * sine
+def _evaluate_driven_distance(v: _JointVectors, f: np.ndarray, f_dot: np.ndarray, length: float) -> list[_RowTerms]:
+    """Return the row of a driven distance, |d| - f(t); ``f`` and ``f_dot`` are values at each time."""
+    distance = np.linalg.norm(v.x_i - v.x_j, axis=-1)
+    return [_RowTerms(distance - f, -f_dot, (v.x_i - v.x_j) / distance[:, None], 0.0, v.x_i)]
 
 
-def _knife_edge(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
-    """Return the row of a knife edge, which has no phi."""
-    return [(0.0, -f, here[2], 0.0, here[0])]
+def _evaluate_driven_angle(v: _JointVectors, f: np.ndarray, f_dot: np.ndarray, length: float) -> list[_RowTerms]:
+    """Return the row of a driven angle, u . n(f) = sin(theta - f); ``f`` and ``f_dot`` are values at each time."""
+    n, dn = _rotate_normal(v, f)
+    return [_RowTerms(_dot(v.u, n), _dot(v.u, dn) * f_dot, 0.0, so3.cross(v.u, n), v.x_i)]
 
 
-def _rolling(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
-    """Return the three rows of a rolling disc of radius ``length``: height and slip of its lowest point."""
-    centre, x_j, axis, n, t_1, t_2 = here
-    down = n - _dot(n, axis)[:, None] * axis
-    x = centre - length * down / np.linalg.norm(down, axis=-1, keepdims=True)
-    return [(_dot(n, x - x_j), 0.0, n, 0.0, x), (0.0, 0.0, t_1, 0.0, x), (0.0, 0.0, t_2, 0.0, x)]
+def _rotate_normal(v: _JointVectors, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return n(f) = n_1 cos f + n_2 sin f of a driven angle, to which u must be normal, and dn/df, in space."""
+    cosine, sine = np.cos(f)[:, None], np.sin(f)[:, None]
+    return v.n_1 * cosine + v.n_2 * sine, v.n_2 * cosine - v.n_1 * sine
 
 
-def _rack(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
-    """Return the row of a rack and a pinion of radius ``length``, r theta - e . d within half a turn."""
-    x_i, x_j, u, n_1, n_2 = here[:5]
-    e, axis = -n_2, so3.cross(n_1, n_2)
-    ahead = so3.cross(axis, u)  # direction in which u turns
-    x = _dot(e, x_i - x_j)
-    slip = np.arctan2(_dot(axis, so3.cross(e, u)), _dot(e, u)) - x / length
+def _evaluate_knife_edge(v: _JointVectors, f: np.ndarray, f_dot: np.ndarray, length: float) -> list[_RowTerms]:
+    """Return the row of a knife edge, which has no phi; ``f`` [m/s] is the prescribed velocity across the blade."""
+    return [_RowTerms(0.0, -f, v.u, 0.0, v.x_i)]
+
+
+def _evaluate_rolling_disc(v: _JointVectors, f: np.ndarray, f_dot: np.ndarray, length: float) -> list[_RowTerms]:
+    """Return the rows of a rolling disc of radius ``length``: height of its lowest point, slip along two tangents."""
+    normal, axis = v.n_1, v.u
+    down = normal - _dot(normal, axis)[:, None] * axis
+    x = v.x_i - length * down / np.linalg.norm(down, axis=-1, keepdims=True)
+    height = _RowTerms(_dot(normal, x - v.x_j), 0.0, normal, 0.0, x)
+    return [height, _RowTerms(0.0, 0.0, v.n_2, 0.0, x), _RowTerms(0.0, 0.0, v.n_3, 0.0, x)]
+
+
+def _evaluate_rack_and_pinion(v: _JointVectors, f: np.ndarray, f_dot: np.ndarray, length: float) -> list[_RowTerms]:
+    """Return the row r theta - e . d of a rack and a pinion of radius r = ``length``, kept within half a turn of 0."""
+    e, axis = -v.n_2, so3.cross(v.n_1, v.n_2)
+    ahead = so3.cross(axis, v.u)  # direction in which u turns
+    x = _dot(e, v.x_i - v.x_j)
+    slip = np.arctan2(_dot(axis, so3.cross(e, v.u)), _dot(e, v.u)) - x / length
     phi = length * (np.remainder(slip + np.pi, 2.0 * np.pi) - np.pi)
-    return [(phi, 0.0, -e, length * so3.cross(u, ahead) / _dot(ahead, ahead)[:, None], x_i)]
+    return [_RowTerms(phi, 0.0, -e, length * so3.cross(v.u, ahead) / _dot(ahead, ahead)[:, None], v.x_i)]
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return a . b for vectors in the last axis."""
     out: np.ndarray = np.sum(a * b, axis=-1)
     return out
 
 
-ROWS_OF: dict[Kind, Callable[..., Rows]] = {
-    MovingKind.DRIVEN_POSITION: _driven_position,
-    MovingKind.DRIVEN_ANGLE: _driven_angle,
-    MovingKind.DRIVEN_DISTANCE: _driven_distance,
-    MovingKind.KNIFE_EDGE: _knife_edge,
-    MovingKind.ROLLING: _rolling,
-    "rack and pinion": _rack,
+ROWS_OF: dict[Kind, Callable[..., list[_RowTerms]]] = {
+    MovingKind.DRIVEN_POSITION: _evaluate_driven_position,
+    MovingKind.DRIVEN_ANGLE: _evaluate_driven_angle,
+    MovingKind.DRIVEN_DISTANCE: _evaluate_driven_distance,
+    MovingKind.KNIFE_EDGE: _evaluate_knife_edge,
+    MovingKind.ROLLING: _evaluate_rolling_disc,
+    "rack and pinion": _evaluate_rack_and_pinion,
 }

@@ -42,16 +42,16 @@ class Presentation:
         return self.unit_mass * self.unit_length / self.unit_time**2
 
     def system(self, s: MultibodySystem) -> MultibodySystem:
-        """Return the system ``s`` as it is presented to a solver; raise ValueError if it has no joint ``duplicate``."""
+        """Return the system ``s`` as a solver gets it; raise ValueError if it has no joint number ``duplicate``."""
         if self.duplicate > s.nj:
             raise ValueError(f"duplicate must be 0..{s.nj}, a joint of this system (got {self.duplicate})")
         return _convert_units(
-            _renumber(_repeat_joint(_mirror(s, self._make_mirror()), self.duplicate), *self._orders(s)), self
+            _renumber(_repeat_joint(_mirror(s, self._make_mirror()), self.duplicate), *self._list_orders(s)), self
         )
 
     def state(self, s: MultibodySystem, state: State) -> State:
-        """Return a state of the system ``s`` as it is presented to a solver."""
-        bodies, _ = self._orders(s)
+        """Return ``state``, of the system ``s``, as a solver gets it."""
+        bodies, _ = self._list_orders(s)
         m = _mirror_states(States.one(state), self._make_mirror()).at(slice(None))
         return State(
             m.r[0, bodies] * self.unit_length,
@@ -62,8 +62,8 @@ class Presentation:
         )
 
     def restore_states(self, s: MultibodySystem, presented: States) -> States:
-        """Return a solver's states of the presented system as states of the system ``s``: the inverse of ``state``."""
-        back = np.argsort(self._orders(s)[0])
+        """Return the states of the system ``s`` for a solver's states of the presented one; it inverts ``state``."""
+        back = np.argsort(self._list_orders(s)[0])
         home = States(
             presented.r[:, back] / self.unit_length,
             presented.R[:, back],
@@ -76,13 +76,14 @@ class Presentation:
     def restore_reaction(
         self, s: MultibodySystem, presented: Float[np.ndarray, "nt n"]
     ) -> Float[np.ndarray, "nt nrows"]:
-        """Return a solver's reactions, of the presented system, as reactions of the rows of ``s`` [N, N m].
+        """Return the reactions of the rows of ``s`` [N, N m] for a solver's reactions of the presented system.
 
-        The reactions of a joint declared twice are the sums of both.
+        For a joint that is declared twice, the reactions of both are added.
         """
-        _, joints = self._orders(s)
+        _, joints = self._list_orders(s)
         repeated = _repeat_joint(s, self.duplicate)
         start = repeated.row_start
+        # the row of ``repeated`` that each presented row is
         rows = np.concatenate([np.arange(start[j], start[j + 1]) for j in joints]) if s.nj else np.zeros(0, np.int64)
         home = np.empty_like(presented)
         home[:, rows] = presented / self.force
@@ -102,8 +103,8 @@ class Presentation:
             signs[SPACE_AXES[self.mirror]] = -1.0
         return np.diag(signs)
 
-    def _orders(self, s: MultibodySystem) -> tuple[Int[np.ndarray, " nb"], Int[np.ndarray, " nj"]]:
-        """Return the numbers in ``s`` of bodies and joints in their presented order; a duplicate is the last joint."""
+    def _list_orders(self, s: MultibodySystem) -> tuple[Int[np.ndarray, " nb"], Int[np.ndarray, " nj"]]:
+        """Return the indices in ``s`` of the presented bodies and joints, in order; a duplicate is joint ``s.nj``."""
         nj = s.nj + (1 if self.duplicate else 0)
         if self.renumber == 0:
             return np.arange(s.nb), np.arange(nj)
@@ -112,16 +113,19 @@ class Presentation:
 
 
 def _mirror(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
-    """Return the system mirrored in space by ``S``, every body frame by ``BODY_MIRROR``, so that R stays a rotation."""
+    """Return the system mirrored by the reflection ``S`` of space, and every body frame by ``BODY_MIRROR``.
+
+    With both, R stays a rotation. The system itself is returned if ``S`` is the identity.
+    """
     if np.array_equal(S, np.eye(3)):
         return s
 
-    def image(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    def reflect(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """Return the mirror images of vectors fixed in the bodies ``ends``, or in the ground."""
         at_ground = (ends == GROUND).reshape(-1, *[1] * (a.ndim - 1))
         return _freeze(np.where(at_ground, a @ S, a @ BODY_MIRROR))
 
-    def load_image(a: np.ndarray) -> np.ndarray:
+    def reflect_loads(a: np.ndarray) -> np.ndarray:
         """Return the mirror images of vectors that follow their bodies or are fixed in space."""
         return _freeze(np.where(s.load_follows[:, None], a @ BODY_MIRROR, a @ S))
 
@@ -129,26 +133,26 @@ def _mirror(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
         s,
         inertia=_freeze(BODY_MIRROR @ s.inertia @ BODY_MIRROR),
         gravity=_freeze(S @ s.gravity),
-        joint_s_i=image(s.joint_s_i, s.joint_i),
-        joint_s_j=image(s.joint_s_j, s.joint_j),
-        joint_u=image(s.joint_u, s.joint_i),
-        joint_w=image(s.joint_w, s.joint_i),
-        joint_n=image(s.joint_n, s.joint_j),
-        torsion_u=image(s.torsion_u, s.torsion_i),
-        torsion_n=image(s.torsion_n, s.torsion_j),
-        spring_p_i=image(s.spring_p_i, s.spring_i),
-        spring_p_j=image(s.spring_p_j, s.spring_j),
+        joint_s_i=reflect(s.joint_s_i, s.joint_i),
+        joint_s_j=reflect(s.joint_s_j, s.joint_j),
+        joint_u=reflect(s.joint_u, s.joint_i),
+        joint_w=reflect(s.joint_w, s.joint_i),
+        joint_n=reflect(s.joint_n, s.joint_j),
+        torsion_u=reflect(s.torsion_u, s.torsion_i),
+        torsion_n=reflect(s.torsion_n, s.torsion_j),
+        spring_p_i=reflect(s.spring_p_i, s.spring_i),
+        spring_p_j=reflect(s.spring_p_j, s.spring_j),
         load_p=_freeze(s.load_p @ BODY_MIRROR),
-        load_force=load_image(s.load_force),
-        load_torque=_freeze(-load_image(s.load_torque)),  # a pseudovector
+        load_force=reflect_loads(s.load_force),
+        load_torque=_freeze(-reflect_loads(s.load_torque)),  # a pseudovector
         user_law=present_laws(s.user_law, S),
     )
 
 
 def _mirror_states(s: States, S: np.ndarray) -> States:
-    """Return states mirrored in space by ``S``; the function is its own inverse.
+    """Return states mirrored in space by ``S``, and every body frame by ``BODY_MIRROR``; it is its own inverse.
 
-    Omega is a pseudovector and turns the other way.
+    Omega, a pseudovector, changes its sense.
     """
     if np.array_equal(S, np.eye(3)):
         return s
@@ -165,7 +169,7 @@ def _repeat_joint(s: MultibodySystem, joint: int) -> MultibodySystem:
 
 
 def _renumber(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> MultibodySystem:
-    """Return the system with bodies and joints in the order of these numbers."""
+    """Return the system with its bodies and joints in the order of these indices; itself if that is its order."""
     if np.array_equal(bodies, np.arange(s.nb)) and np.array_equal(joints, np.arange(s.nj)):
         return s
     new = np.append(np.argsort(bodies), GROUND)  # new number of each body; the last entry, at -1, is the ground
@@ -189,12 +193,12 @@ def _renumber(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> Mul
 
 
 def _joint_arrays(s: MultibodySystem) -> dict[str, np.ndarray]:
-    """Return the arrays of a system that have an entry a joint, by name."""
+    """Return the arrays of a system that have one entry per joint, by name."""
     return {n: a for n, a in vars(s).items() if n.startswith("joint_") and isinstance(a, np.ndarray)}
 
 
 def _convert_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
-    """Return the system with all numbers converted to the units of ``p``."""
+    """Return the system with all numbers converted to the units of ``p``; the system itself if those are SI."""
     L, M, T = p.unit_length, p.unit_mass, p.unit_time
     if L == M == T == 1.0:
         return s

@@ -28,7 +28,7 @@ Poses = tuple[np.ndarray, np.ndarray]  # r and R, changed in place
 
 
 def find_arms(system: MultibodySystem) -> Float[np.ndarray, " nb"]:
-    """Return the larger of the longest joint arm and the radius of gyration [m] of each body, to compare moments."""
+    """Return the larger of the longest joint arm and the radius of gyration [m] of each body, to scale moments."""
     arm = np.append(system.gyration, 0.0)  # the last one is the ground
     for body, s in ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j)):
         np.maximum.at(arm, body, np.linalg.norm(s, axis=1))
@@ -38,8 +38,8 @@ def find_arms(system: MultibodySystem) -> Float[np.ndarray, " nb"]:
 def project_poses(system: MultibodySystem, s: States) -> States:
     """Return the states at the nearest poses that satisfy the constraints, with the same velocities.
 
-    Distances are weighted by mass and gyration. Newton's method ends where it converges, and undoes a step that
-    increases a gap.
+    Distances are weighted by mass and gyration. Each pose is corrected by Gauss-Newton steps until they no longer halve
+    its gaps, and a step that increases them is undone.
     """
     return project_poses_of_each(system, [s])[0]
 
@@ -49,7 +49,7 @@ def project_poses_of_each(system: MultibodySystem, motions: Sequence[States]) ->
     s = States.join(motions)
     if system.nrows == 0 or len(s) == 0:
         return list(motions)
-    metres = np.ones(system.nrows)
+    metres = np.ones(system.nrows)  # factors that make all residuals lengths
     metres[system.turning_rows] = np.max(system.gyration)
     sizes = [float(np.max(np.abs(m.r), initial=0.0)) + float(np.max(find_arms(system))) for m in motions]
     near = NEAR * np.repeat(sizes, list(map(len, motions)))
@@ -57,11 +57,11 @@ def project_poses_of_each(system: MultibodySystem, motions: Sequence[States]) ->
     left, before = np.arange(len(s)), np.full(len(s), np.inf)
 
     def place(r: np.ndarray, R: np.ndarray) -> States:
-        """Return the states that are left at their poses."""
+        """Return those of the states that are still being corrected, at the poses ``r``, ``R``."""
         return States(r[left], R[left], s.v[left], s.Omega[left], s.times[left])
 
     def measure(poses: Poses) -> np.ndarray:
-        """Return phi of the poses that are left: neither near nor at rounding; undo the move of those that grow."""
+        """Return phi of the poses that are still to be corrected; undo the last step of those whose gaps grew."""
         nonlocal left, before
         phi = constraint(system, place(*poses))
         size = np.max(np.abs(phi * metres), axis=1)
@@ -72,7 +72,7 @@ def project_poses_of_each(system: MultibodySystem, motions: Sequence[States]) ->
         return np.asarray(phi[off])
 
     def correct(poses: Poses, phi: np.ndarray) -> Poses:
-        """Move the poses that are left by the least changes that close their gaps to first order."""
+        """Move these poses by the least changes that close their gaps to first order; return all poses."""
         r, R = poses
         last_r[left], last_R[left] = r[left], R[left]
         change = find_least_changes(system, place(r, R), -phi, INDEPENDENT)
@@ -84,15 +84,16 @@ def project_poses_of_each(system: MultibodySystem, motions: Sequence[States]) ->
     return States(r, R, s.v, s.Omega, s.times, s.angles).split(list(map(len, motions)))
 
 
-def disturb_poses(system: MultibodySystem, s: States, by: np.ndarray, seed: int) -> States:
-    """Return the states at poses moved at random by about ``by`` [m] (nt,), from ``seed``, and projected again.
+def disturb_poses(system: MultibodySystem, s: States, distance: np.ndarray, seed: int) -> States:
+    """Return the states at poses moved at random by about ``distance`` (nt,) [m], and projected again.
 
-    The difference of a quantity between both motions estimates its uncertainty for poses with errors of ``by``.
+    The directions, drawn from ``seed``, are the same at all times. The difference of a quantity between both motions
+    estimates its uncertainty for poses with errors of ``distance``.
     """
     random = np.random.default_rng(seed)
     arm = float(np.max(find_arms(system)))
     move, turn = random.standard_normal((2, system.nb, 3))
-    size = by[:, None, None]
+    size = distance[:, None, None]
     return project_poses(
         system, States(s.r + size * move, s.R @ so3.exp(size / arm * turn), s.v, s.Omega, s.times, s.angles)
     )

@@ -46,9 +46,10 @@ def log(R: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
 def angular_velocity(
     a: Float[np.ndarray, "*batch 3"], rate: Float[np.ndarray, "*batch 3"]
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Return Omega [rad/s, body] of R = exp(hat(a)) as the vector a changes at ``rate``: dexp(-a) rate.
+    """Return Omega [rad/s, body] of R = exp(hat(a)) where the vector ``a`` [rad] changes at ``rate`` [rad/s].
 
-    1 - (1 - cos x)/x^2 hat(a) + (x - sin x)/x^3 hat(a)^2; by series where x = |a| < 0.1, error below 1e-14.
+    Omega = dexp(-a) rate, dexp(-a) = 1 - (1 - cos x)/x^2 hat(a) + (x - sin x)/x^3 hat(a)^2 with x = |a|; by series
+    where x < 0.1, with an error below 1e-14.
     """
     x2 = np.sum(a * a, axis=-1, keepdims=True)
     x = np.sqrt(np.where(x2 < 1e-2, 1.0, x2))
@@ -61,9 +62,9 @@ def angular_velocity(
 def dexpinv(a: Float[np.ndarray, "*batch 3"], Omega: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
     """Return the rate [rad/s] at which the rotation vector ``a`` [rad] changes while R = R_0 exp(hat(a)) turns.
 
-    ``Omega`` [rad/s] is the angular velocity in the body frame, R_0 any constant rotation. It is the inverse of
-    ``angular_velocity``: 1 + hat(a)/2 + (1 - (x/2) cot(x/2))/x^2 hat(a)^2 with x = |a|, regular for x < 2 pi; a series
-    where x < 0.1, its error below 1e-14. Source: Munthe-Kaas (1999), Appl. Numer. Math. 29.
+    ``Omega`` [rad/s] is the angular velocity in the body frame, R_0 any constant rotation. The rate is Omega times
+    1 + hat(a)/2 + (1 - (x/2) cot(x/2))/x^2 hat(a)^2 with x = |a|, regular for x < 2 pi; by series where x < 0.1, with
+    an error below 1e-14. This inverts ``angular_velocity``. Source: Munthe-Kaas (1999), Appl. Numer. Math. 29.
     """
     x2 = np.sum(a * a, axis=-1, keepdims=True)
     x = np.sqrt(np.where(x2 < 1e-2, 1.0, x2))

@@ -19,6 +19,7 @@ class State:
     t: float = 0.0  # [s]; drives and loads may depend on it
 
     def __post_init__(self) -> None:
+        """Make the arrays read-only; raise ValueError unless they have the shapes above."""
         nb = len(self.r)
         _check_and_freeze(self, {"r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3)})
 
@@ -41,6 +42,7 @@ class States:
     angles: Float[np.ndarray, "nt m"] | None = None
 
     def __post_init__(self) -> None:
+        """Set missing times to 0 and make the arrays read-only; raise ValueError unless they have the shapes above."""
         nt, nb = self.r.shape[:2]
         if self.t is None:
             object.__setattr__(self, "t", np.zeros(nt))
@@ -58,9 +60,9 @@ class States:
         return States(self.r, self.R, self.v, self.Omega, t, self.angles)
 
     def with_angles(self, angles: Float[np.ndarray, "nt m"]) -> "States":
-        """Return the same motion with ``angles`` [rad] of torsional springs, accurate to less than half a turn.
+        """Return the same motion with ``angles`` [rad] of its torsional springs, given to within half a turn.
 
-        They determine the whole turns, which poses do not.
+        They say how many whole turns each spring is wound, which poses do not.
         """
         return States(self.r, self.R, self.v, self.Omega, self.t, angles)
 
@@ -94,7 +96,7 @@ class States:
         return States(r, R, v, Omega, t, np.concatenate(angles) if len(angles) == len(motions) else None)
 
     def split(self, counts: Sequence[int]) -> "list[States]":
-        """Return the motions that ``join`` joined, from the number of instants of each."""
+        """Return the motions that ``join`` has joined; ``counts`` are their numbers of instants."""
         ends = np.cumsum([0, *counts])
         return [self.at(slice(i, j)) for i, j in itertools.pairwise(ends)]
 
@@ -105,13 +107,16 @@ class States:
 
 
 def rotate_states(s: States, Q: Float[np.ndarray, "3 3"]) -> States:
-    """Rotate the motion by ``Q`` in space; Omega, in the body frame, stays."""
+    """Return the motion rotated by ``Q`` in space; Omega, in the body frame, stays."""
     R = (s.R.reshape(-1, 9) @ np.kron(Q, np.eye(3)).T).reshape(s.R.shape)  # Q R, for all at once
     return States(s.r @ Q.T, R, s.v @ Q.T, s.Omega, s.t, s.angles)
 
 
 def _check_and_freeze(self: object, shapes: dict[str, tuple[int, ...]]) -> None:
-    """Make the fields of a frozen dataclass read-only float arrays; raise ValueError unless they have these shapes."""
+    """Make the fields named in ``shapes`` read-only float arrays; raise ValueError unless they have these shapes.
+
+    The dataclass may be frozen: its fields are replaced by views.
+    """
     for name, shape in shapes.items():
         array = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
         if array.shape != shape:

@@ -24,7 +24,7 @@ def begin_step(t: float) -> Iterator[None]:
 
 
 def check_time(s: State) -> None:
-    """Raise ValueError for a state with t = 0, the default, in a step that began later: its time was forgotten."""
+    """Raise ValueError for a state with t = 0, the default, in a step that began later: its time was left out."""
     begun = _step_start.get()
     if s.t == 0.0 < begun:
         raise ValueError(f"a state of the step from t = {begun:.6g} s has t = 0 s; {REMEDY}")

@@ -117,12 +117,15 @@ class MultibodySystem:
     @cached_property
     def _derived(self) -> "_Derived":
         """Arrays that follow from the others, computed once, as they are asked for often; properties return copies."""
-        added = self._add_inertia()
+        added = self._compute_added_inertia()
         gyration = np.sqrt(np.einsum("bii->b", self.inertia + added) / (2.0 * self.mass))
         return _Derived(added, gyration, np.concatenate(([0], np.cumsum(self.joint_rows))).astype(np.int64))
 
-    def _add_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
-        """Compute ``added_inertia``."""
+    def _compute_added_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
+        """Return the inertia to add about axes without any [kg m2, body]; zeros if every body has inertia.
+
+        The longest joint arm of a body scales that of a point mass; without an arm, the longest length of the system.
+        """
         if not np.any(find_principal_inertias(self.inertia)[2]):
             return np.zeros_like(self.inertia)
         arm = np.zeros(self.nb + 1)  # the last one is the ground
@@ -199,7 +202,7 @@ class MultibodySystem:
         return all(DECLARED[kind].is_holonomic for kind in self.moving_rows().kind)
 
     def point_rows(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, "m 3"]]:
-        """Return the joints that have point rows (m,), and the numbers in phi of these rows (m, 3)."""
+        """Return the joints that have point rows (m,), and the indices of these rows in phi (m, 3)."""
         joint = np.flatnonzero(self.joint_points)
         return joint, self.row_start[joint][:, None] + np.arange(3)
 
@@ -217,7 +220,7 @@ class MultibodySystem:
         return AxisRows(joint, row, u, self.joint_n[joint, np.minimum(k, 1)])
 
     def moving_rows(self) -> MovingRows:
-        """Return all joints with moving rows, which have no other rows."""
+        """Return all drives and nonholonomic joints, whose rows are called moving; they have no other rows."""
         joint = np.flatnonzero(self.joint_moving)
         return MovingRows(joint, self.row_start[joint], tuple(KINDS[k] for k in self.joint_sort[joint]))
 
@@ -229,7 +232,10 @@ class MultibodySystem:
 
 
 def _number_rows(count: Int[np.ndarray, " nj"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each row its joint, and its number within that joint; ``count`` is the number of rows a joint."""
+    """Return for each row of one sort its joint, and its index among the rows of that sort in the joint.
+
+    ``count`` is the number of such rows of each joint.
+    """
     joint = np.repeat(np.arange(len(count)), count)
     return joint, np.arange(len(joint)) - np.repeat(np.cumsum(count) - count, count)
 
@@ -243,7 +249,10 @@ def assemble(
     torsions: Sequence[TorsionSpring] = (),
     user_forces: Sequence[UserForce] = (),
 ) -> MultibodySystem:
-    """Assemble the arrays of a system from its parts, or raise ValueError naming the invalid part."""
+    """Assemble the arrays of a system from its parts; raise ValueError, naming the part, for one that is invalid.
+
+    ``gravity`` [m/s2] is in space. A joint with chosen ``rows`` becomes a joint for each of them.
+    """
     for k, body in enumerate(bodies):
         check_body(name_part("body", k, body.name), body.mass, body.inertia)
     groups: dict[str, Sequence[Joint | SpringDamper | TorsionSpring | UserForce]] = {
@@ -322,7 +331,7 @@ def assemble(
         load_force=freeze_array([f.force for f in loads], (len(loads), 3)),
         load_torque=freeze_array([f.torque for f in loads], (len(loads), 3)),
         load_follows=freeze_array([f.follows for f in loads], (len(loads),), np.bool_),
-        load_factor=freeze_array([_factor(k, f) for k, f in enumerate(loads)], (len(loads), 7)),
+        load_factor=freeze_array([_read_factor(k, f) for k, f in enumerate(loads)], (len(loads), 7)),
         user_i=freeze_array([f.i for f in user_forces], (len(user_forces),), np.int64),
         user_j=freeze_array([f.j for f in user_forces], (len(user_forces),), np.int64),
         user_law=compile_laws(user_forces),
@@ -331,6 +340,6 @@ def assemble(
     )
 
 
-def _factor(k: int, load: Load) -> np.ndarray:
+def _read_factor(k: int, load: Load) -> np.ndarray:
     """Return the seven numbers of the factor of load ``k``, a function of time; those of 1 where it has none."""
     return ONE if load.factor is None else load.factor.numbers(f"load {k}")

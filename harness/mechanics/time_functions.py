@@ -25,7 +25,7 @@ class TimeFunction:
     phase: float = 0.0  # p [rad]
 
     def numbers(self, where: str = "function of time") -> Float[np.ndarray, " 7"]:
-        """Return the seven numbers that a system stores; raise ValueError naming ``where`` unless they are valid."""
+        """Return the seven numbers that a system stores; raise ValueError if they are invalid, naming ``where``."""
         c = tuple(self.polynomial)
         if len(c) > 4:
             raise ValueError(f"{where}: polynomial takes up to four coefficients (got {len(c)})")
@@ -35,7 +35,7 @@ class TimeFunction:
         return out
 
     def integral(self, start: float = 0.0) -> "TimeFunction":
-        """Return the integral with the value ``start`` at t = 0: the position of a drive of this speed.
+        """Return the integral over time that is ``start`` at t = 0: the position of a drive with this speed.
 
         Raise ValueError for a cubic, whose integral has no such form.
         """
@@ -60,7 +60,7 @@ ONE = np.eye(NUMBERS)[0]  # f = 1
 def evaluate_functions(
     numbers: Float[np.ndarray, "m 7"], t: Float[np.ndarray, " nt"]
 ) -> tuple[Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"]]:
-    """Return f, f_dot and f_ddot of m functions, each row of ``numbers`` one, at the times ``t`` [s]."""
+    """Return f, f_dot and f_ddot at the times ``t`` [s] of m functions, one for each row of ``numbers``."""
     c0, c1, c2, c3, a, w, p = numbers.T
     t = t[:, None]
     sine, cosine = a * np.sin(w * t + p), a * np.cos(w * t + p)
@@ -71,7 +71,10 @@ def evaluate_functions(
 def scale_units(
     numbers: Float[np.ndarray, "m 7"], value: float | Float[np.ndarray, " m"], time: float
 ) -> Float[np.ndarray, "m 7"]:
-    """Return the numbers of the same functions with their values and times multiplied by these factors."""
+    """Return the numbers of the same functions in other units: values are multiplied by ``value``, times by ``time``.
+
+    ``value`` is one factor for all functions, or one for each.
+    """
     out = np.array(numbers)
     out[:, :5] *= np.broadcast_to(value, (len(out),))[:, None]
     out[:, :4] /= time ** np.arange(4.0)
@@ -85,7 +88,7 @@ def find_varying(numbers: Float[np.ndarray, "m 7"]) -> np.ndarray:
 
 
 def shift_time(numbers: Float[np.ndarray, "m 7"], t: float) -> Float[np.ndarray, "m 7"]:
-    """Return the numbers of the functions s -> f(t + s), which begin at s = 0 with the value of f at ``t`` [s]."""
+    """Return the numbers of the functions s -> f(t + s): f with its time counted from ``t`` [s]."""
     c = numbers[:, :4].T
     out = np.array(numbers, dtype=float)
     out[:, 0] = c[0] + t * (c[1] + t * (c[2] + t * c[3]))

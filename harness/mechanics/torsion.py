@@ -40,16 +40,20 @@ def evaluate_torsion(
 
 
 def follow_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> States:
-    """Return the motion with its springs' angles counted through all turns; unchanged if all stay within half a turn.
+    """Return the motion with its springs' angles counted through all turns.
 
-    That is half a turn about rest. The rates at both ends of a step decide by how many whole turns an angle changes.
+    It is returned unchanged if all angles stay within half a turn of rest. The rates at both ends of a step decide by
+    how many whole turns an angle changes in it.
     """
     angles = count_turns(system, t, s)
     return s if angles is None else s.with_angles(angles)
 
 
 def count_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> Float[np.ndarray, "nt m"] | None:
-    """Return theta - theta_0 [rad] at each row, counted from the first; None if none leaves half a turn about rest."""
+    """Return theta - theta_0 [rad] at each time, with whole turns counted from the first time on.
+
+    None if no angle leaves the half turn about rest, or if there are no springs.
+    """
     if not len(system.torsion_k) or len(t) < 2:
         return None
     with np.errstate(all="ignore"):
@@ -62,9 +66,9 @@ def count_turns(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States)
 
 
 def count_determined_rows(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> int:
-    """Return the number of rows of a motion, from its start, where poses alone give the springs' true angles.
+    """Return the number of recorded times, from the start, at which poses alone give the springs' true angles.
 
-    They do until a spring with stiffness leaves the half turn about rest within which the system counts its angle.
+    They do until a spring with stiffness leaves the half turn about rest within which the system takes its angle.
     """
     angles = count_turns(system, t, s) if np.any(system.torsion_k) else None
     if angles is None:
@@ -75,7 +79,10 @@ def count_determined_rows(system: MultibodySystem, t: Float[np.ndarray, " nt"], 
 
 
 def rewind_springs(system: MultibodySystem, here: State) -> MultibodySystem:
-    """Return the system with the same spring laws, for angles within half a turn of those at the state ``here``."""
+    """Return the system with the same spring torques, whose angles are taken within half a turn of those at ``here``.
+
+    ``torsion_rest`` becomes theta at that state, ``torsion_wound`` theta - theta_0 there.
+    """
     angle = evaluate_torsion(system, States.one(here))[0][0]
     bare = replace(system, torsion_wound=np.zeros_like(angle))
     pose = evaluate_torsion(bare, States.one(here))[0][0] + system.torsion_rest

@@ -47,9 +47,10 @@ class ForceLaw:
     units: tuple[float, float, float] = SI  # factors of the numbers of a length, a mass, a time
 
     def build_function(self, compiled: Callable[[Any], Any] = lambda f: f) -> Callable[..., None]:
-        """Build the law as a function of the presented system's numbers, converted to the user's space and back.
+        """Return the law as a function of the state in the system's space and units, with the same arguments.
 
-        ``compiled`` compiles the law and the conversion, as ``numba.njit`` does; by default they stay Python.
+        It converts the state to the user's space and SI, and the forces back; without a change of either it is the
+        user's function. ``compiled`` compiles a function, as ``numba.njit`` does; by default all stays Python.
         """
         law = compiled(self.function)
         L, M, T = self.units
@@ -61,7 +62,7 @@ class ForceLaw:
         force = M * L / T**2
 
         def in_si(t, r, R, v, Omega, F, moment):  # type: ignore[no-untyped-def]
-            """Convert the state to the user's space and SI, call the law, and convert its forces and moments back."""
+            """Convert the state in place to the user's space and SI, call the law, and convert F and moments back."""
             for e in range(n):
                 r[e] = np.dot(r[e] / L, back)
                 v[e] = np.dot(v[e] * (T / L), back)
@@ -98,6 +99,7 @@ class ForceLaw:
         ends = [(s.r[:, b], s.R[:, b], s.v[:, b], s.Omega[:, b]) for b in (i, j) if b >= 0]
         rest = np.zeros((len(s), 3))
         ends += [(rest, np.broadcast_to(np.eye(3), (len(s), 3, 3)), rest, rest)] * (2 - len(ends))
+        # a row per time: r of i and of j, then R, v and Omega likewise
         x = np.concatenate([a.reshape(len(s), -1) for of_both in zip(*ends, strict=True) for a in of_both], axis=1)
         for k, t in enumerate(s.times):
             call(t, x[k].ctypes.data_as(POINTER), out[k].ctypes.data_as(POINTER))
@@ -107,7 +109,10 @@ class ForceLaw:
 def present_laws(
     laws: Shaped[np.ndarray, " nu"], frame: Float[np.ndarray, "3 3"], units: tuple[float, float, float] = SI
 ) -> Shaped[np.ndarray, " nu"]:
-    """Return the same laws in a space turned or mirrored by ``frame``, with units scaled by ``units``."""
+    """Return the same laws in a space rotated or mirrored by ``frame``, with units scaled by ``units``.
+
+    ``units`` are the factors of the numbers of a length, a mass and a time; both changes follow those made before.
+    """
     out = np.empty(len(laws), dtype=object)
     for k, law in enumerate(laws):
         L, M, T = (a * b for a, b in zip(law.units, units, strict=True))
@@ -117,11 +122,16 @@ def present_laws(
 
 
 def compile_laws(forces: Sequence[UserForce]) -> Shaped[np.ndarray, " nu"]:
-    """Compile the law of each force, equal ones once; return them as ``ForceLaw``, or raise ValueError."""
+    """Compile the laws of ``forces``; return a read-only array with the ``ForceLaw`` of each force.
+
+    A law shared by several forces is compiled once per number of bodies (2, or 1 beside the ground). Raise ValueError,
+    naming the force, for a law that is not a Python function or that numba does not compile.
+    """
     made: dict[tuple[Callable[..., None], int], ForceLaw] = {}
     out = np.empty(len(forces), dtype=object)
     for k, force in enumerate(forces):
-        function, bodies = getattr(force.law, "py_func", force.law), 1 + (force.j >= 0)
+        function = getattr(force.law, "py_func", force.law)  # the Python function that numba.njit decorated
+        bodies = 2 if force.j >= 0 else 1
         if not isinstance(function, FunctionType):
             raise ValueError(f"{_describe_failure(k)}: it must be a function defined in Python (got {function!r:.80})")
         if (function, bodies) not in made:

@@ -41,22 +41,22 @@ def compute_work(
 ) -> tuple[Float[np.ndarray, " nt"], Float[np.ndarray, " nt"], Bool[np.ndarray, " steps"]]:
     """Return the work since the start [J] at each time, its error [J], and flags of the steps of unknown work.
 
-    Steps are refined until the error is small beside the drift of ``energy`` (T + V [J]), or their limits are reached.
-    Over an unknown step the work is set to the change of the energy.
+    Steps are refined until the error is small beside the drift of ``energy`` (T + V [J]), or the limits ``DOUBLINGS``
+    and ``STATES`` are reached. Over a step of unknown work, the work is set to the change of the energy.
     """
     if system.is_conservative or len(t) < 2:
         return np.zeros(len(t)), np.zeros(len(t)), np.zeros(max(len(t) - 1, 0), dtype=bool)
     h = np.diff(t)
-    share = h / np.sum(h)
+    fraction = h / np.sum(h)  # of the time, by which the allowed error is divided among steps
     angle = _find_fastest_rates(system, s) * h
     gained, error = _integrate_cubics(system, s, h, angle)
     within = angle <= RESOLVED * 2 ** (DOUBLINGS - 2)
     columns, doubled, spent = np.full((len(h), DOUBLINGS), np.nan), np.zeros(len(h), dtype=np.int64), 0
     while True:
-        wanted = _allowed_error(energy, gained)
-        if np.sum(error) <= wanted:
+        allowed = _find_allowed_error(energy, gained)
+        if np.sum(error) <= allowed:
             break
-        uncertain = np.flatnonzero(~(error <= wanted * share) & (doubled < DOUBLINGS) & within)
+        uncertain = np.flatnonzero(~(error <= allowed * fraction) & (doubled < DOUBLINGS) & within)
         uncertain = uncertain[np.argsort(-error[uncertain], kind="stable")]
         parts = 2 ** (doubled[uncertain] + 1)
         uncertain = uncertain[: np.searchsorted(np.cumsum(parts + 1), STATES - spent, side="right")]
@@ -65,7 +65,8 @@ def compute_work(
         for k in np.unique(doubled[uncertain]):
             steps = uncertain[doubled[uncertain] == k]
             spent += len(steps) * (2 ** (k + 1) + 1)
-            found, change = _extrapolate(columns, steps, int(k), _flow(system, s.at(steps), h[steps], 2 ** int(k + 1)))
+            gain = _integrate_flow(system, s.at(steps), h[steps], 2 ** int(k + 1))
+            found, change = _extrapolate(columns, steps, int(k), gain)
             change[angle[steps] > RESOLVED * 2**k] = np.inf  # a whole period in a part is aliased to a constant
             surer = change < error[steps]
             gained[steps[surer]], error[steps[surer]] = found[surer], change[surer]
@@ -76,10 +77,10 @@ def compute_work(
     return total, unsure, unknown
 
 
-def _allowed_error(energy: np.ndarray, gained: np.ndarray) -> float:
-    """Return the error [J] that the work may have: a share of the drift, or rounding of the energy if that is more.
+def _find_allowed_error(energy: np.ndarray, gained: np.ndarray) -> float:
+    """Return the error [J] that the work may have: ``SURE`` times the drift, or the energy's rounding if larger.
 
-    ``gained`` [J] is the work of each step.
+    ``energy`` [J] is T + V at each time, ``gained`` [J] the work in each step.
     """
     drift = energy - energy[0] - np.concatenate(([0.0], np.cumsum(gained)))
     known = np.isfinite(drift)
@@ -88,7 +89,7 @@ def _allowed_error(energy: np.ndarray, gained: np.ndarray) -> float:
 
 
 def _find_fastest_rates(system: MultibodySystem, s: States) -> np.ndarray:
-    """Return the largest rate of drives, loads and bodies over each step [rad/s]."""
+    """Return the fastest angular rate [rad/s] in each step: of the bodies at its ends, of drives' and loads' sines."""
     sines = [a[a[:, 4] != 0.0, 5] for a in (system.joint_motion, system.load_factor)]
     spin = np.max(np.linalg.norm(s.Omega, axis=2), axis=1, initial=0.0)
     return np.fmax(np.fmax(spin[:-1], spin[1:]), np.max(np.abs(np.concatenate(sines)), initial=0.0))
@@ -97,9 +98,10 @@ def _find_fastest_rates(system: MultibodySystem, s: States) -> np.ndarray:
 def _integrate_cubics(
     system: MultibodySystem, s: States, h: np.ndarray, angle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the work of each step along its cubic [J], and its error [J]; infinite where none can be estimated.
+    """Return the work of each step along its cubic [J], and its error [J]: infinite where it cannot be estimated.
 
-    ``angle`` [rad] is the largest turn of bodies, drives and loads over each step.
+    Half the change from two steps to one of both lengths is taken as the error of each. ``h`` [s] are the steps,
+    ``angle`` [rad] the largest turn of bodies, drives and loads over each, beyond ``RESOLVED`` without an estimate.
     """
     gained, error = integrate_power_along_cubics(system, s, h), np.full(len(h), np.inf)
     n = len(h) - len(h) % 2
@@ -118,7 +120,7 @@ def _integrate_cubics(
 
 
 def integrate_power_along_cubics(system: MultibodySystem, s: States, h: np.ndarray) -> np.ndarray:
-    """Integrate the power along the cubic of each step of ``h`` [s], by Gauss (steps,) [J]."""
+    """Return the work (steps,) [J] along the cubic of each step of ``h`` [s], by three Gauss nodes."""
     out = np.zeros(len(h))
     for k in range(0, len(h), BLOCK):
         steps, ends = slice(k, k + BLOCK), s.at(slice(k, k + BLOCK + 1))
@@ -128,13 +130,13 @@ def integrate_power_along_cubics(system: MultibodySystem, s: States, h: np.ndarr
     return out * h
 
 
-def _flow(system: MultibodySystem, s: States, h: np.ndarray, parts: int) -> np.ndarray:
-    """Return the work [J] over ``h`` [s] from each state, by the smoothed midpoint rule in ``parts`` (even; Gragg)."""
+def _integrate_flow(system: MultibodySystem, s: States, h: np.ndarray, parts: int) -> np.ndarray:
+    """Return the work [J] over ``h`` [s] from each state, by Gragg's smoothed midpoint rule in ``parts`` (even)."""
     dt = h / parts
-    before, (rates, W_rate) = s, _rates(system, s)
+    before, (rates, W_rate) = s, _evaluate_rates(system, s)
     W_before, here, W = np.zeros(len(h)), _advance(s, s, rates, dt), dt * W_rate
     for k in range(1, parts + 1):
-        rates, W_rate = _rates(system, here)
+        rates, W_rate = _evaluate_rates(system, here)
         if k == parts:
             return np.asarray(0.5 * (W + W_before + dt * W_rate))
         before, here = here, _advance(before, here, rates, 2.0 * dt)
@@ -142,14 +144,14 @@ def _flow(system: MultibodySystem, s: States, h: np.ndarray, parts: int) -> np.n
     raise AssertionError("parts must be positive")
 
 
-def _rates(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
-    """Return accelerations (nt, nb, 6) and the power of forces [W] by the equations of index 1, at projected poses."""
+def _evaluate_rates(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
+    """Return accelerations (nt, nb, 6) and ``compute_power`` [W] by the equations of index 1, at projected poses."""
     found = solve_index_1(system, project_poses(system, s))
     return found.a, compute_power(system, s, found.reaction)
 
 
 def _advance(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> States:
-    """Advance ``a`` by ``dt`` [s] at the velocities of ``middle`` and at ``rates``."""
+    """Return the states ``a`` advanced by ``dt`` [s] at velocities of ``middle`` and at accelerations ``rates``."""
     x = dt[:, None, None]
     with np.errstate(all="ignore"):  # a motion that explodes is not finite, and its error says so
         R = a.R @ so3.exp(np.nan_to_num(x * middle.Omega, posinf=0.0, neginf=0.0))
@@ -157,9 +159,10 @@ def _advance(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> St
 
 
 def _extrapolate(columns: np.ndarray, steps: np.ndarray, k: int, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Extend Romberg's table by row ``k``, whose first entry is ``found``; return its last entry and the change.
+    """Extend Romberg's table of each of the ``steps`` by row ``k``, which begins with ``found``; return its last entry.
 
-    ``columns`` store each step's last row. The change is from the last entry of the row before, infinite for the first.
+    The second result is the magnitude of the change from the last entry of the row before, infinite for the first row.
+    ``columns`` hold the latest row of each step and are updated.
     """
     old, change = columns[steps], np.full(len(steps), np.inf)
     new = np.full_like(old, np.nan)
@@ -177,7 +180,7 @@ def compute_power(
 ) -> Float[np.ndarray, " nt"]:
     """Return the power of dampers, loads, user forces and drives [W], which changes T + V, at each time.
 
-    ``reaction`` is that of index 1, computed where it is not given.
+    ``reaction``, of index 1, is computed for drives if it is not given.
     """
     out = np.zeros(len(s.r))
     if np.any(system.joint_motion):
@@ -201,27 +204,29 @@ def compute_power(
 def compute_drive_power(
     system: MultibodySystem, s: States, reaction: Float[np.ndarray, "nt nrows"] | None = None
 ) -> Float[np.ndarray, " nt"]:
-    """Return the power of drives [W], -reaction . phi_t; NaN where a run is not finite.
+    """Return the power of drives [W], -reaction . phi_t; NaN where the motion is not finite.
 
-    ``reaction`` is that of index 1, computed where it is not given.
+    ``reaction``, of index 1, is computed at projected poses if it is not given.
     """
-    push = evaluate_moving_rows(system, s)
+    moving = evaluate_moving_rows(system, s)
     found = solve_index_1(system, project_poses(system, s)).reaction if reaction is None else reaction
-    return -np.sum(found[:, push.row] * push.phi_t, axis=-1)
+    return -np.sum(found[:, moving.row] * moving.phi_t, axis=-1)
 
 
 def interpolate_steps(s: States, h: Float[np.ndarray, " steps"], x: float) -> States:
-    """Return the states at a share ``x`` of each step of ``h`` [s]: cubics in r and in theta of R = R_0 exp(theta)."""
+    """Return the states at a fraction ``x`` of each step of ``h`` [s], by cubics in r and theta; R = R_0 exp(theta)."""
     dt = h[:, None, None]
-    r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)
+    r, v = _evaluate_cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)
     turn = so3.log(np.swapaxes(s.R[:-1], -1, -2) @ s.R[1:])
-    theta, rate = _cubic(np.zeros_like(turn), turn, s.Omega[:-1], so3.dexpinv(turn, s.Omega[1:]), dt, x)
+    theta, rate = _evaluate_cubic(np.zeros_like(turn), turn, s.Omega[:-1], so3.dexpinv(turn, s.Omega[1:]), dt, x)
     angles = None if s.angles is None else (1.0 - x) * s.angles[:-1] + x * s.angles[1:]
     return States(r, s.R[:-1] @ so3.exp(theta), v, so3.angular_velocity(theta, rate), s.times[:-1] + x * h, angles)
 
 
-def _cubic(a: np.ndarray, b: np.ndarray, a_dot: np.ndarray, b_dot: np.ndarray, h: np.ndarray, x: float) -> tuple:
-    """Return value and rate at the share x of the cubic from a to b over h [s] with these rates at its ends."""
+def _evaluate_cubic(
+    a: np.ndarray, b: np.ndarray, a_dot: np.ndarray, b_dot: np.ndarray, h: np.ndarray, x: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return value and rate, at a fraction ``x`` of ``h`` [s], of the cubic from a to b with rates a_dot and b_dot."""
     bend = (b - a) / h - 0.5 * (a_dot + b_dot)  # the rate is a_dot (1 - x) + b_dot x + 6 bend x (1 - x)
     way = a_dot * (x - 0.5 * x * x) + b_dot * 0.5 * x * x + bend * x * x * (3.0 - 2.0 * x)
     return a + h * way, a_dot * (1.0 - x) + b_dot * x + 6.0 * bend * x * (1.0 - x)

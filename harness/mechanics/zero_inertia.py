@@ -31,23 +31,25 @@ PLACES = (0.0, 0.21, 0.55, 1.0)  # shares of the simulated time, on which loads 
 
 
 def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
-    """Raise ValueError where joints or loads turn a body about an axis without inertia, or it spins there at the start.
+    """Raise ValueError if an axis without inertia is coupled, or is decoupled and its body spins about it at the start.
 
-    Loads and drives are examined up to ``t_end`` [s].
+    The start and random states near it are examined, loads and drives up to ``t_end`` [s].
     """
     _, axes, none = find_principal_inertias(system.inertia)
     if not np.any(none) or not _is_examinable(system, start):
         return
     found = [_AllowedVelocities(system, s, axes, none, t_end) for s in (start, *_perturb_start(system, start, t_end))]
     for b in map(int, np.flatnonzero(np.any(none, axis=1))):
+        # directions about which an allowed velocity turns the body (the others are locked), in terms of its axes n
         turns = np.concatenate([s.find_spins(b) for s in found], axis=1)
         sides, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(turns.T, mode="r")))
         free = sides[:, : int(np.sum(size > TURNS))] if len(found) > 1 else sides  # one pose cannot show a locked axis
+        # of these, those about which joints or loads act (coupled) and all others (decoupled)
         acts = np.concatenate([s.acts[:, b, none[b]] for s in found]) @ free
         _, size, rows = np.linalg.svd(np.linalg.qr(acts, mode="r"))
         n = int(np.sum(size > ACTS))
-        turned, idle = free @ rows[:n].T, axes[b][:, none[b]] @ free @ rows[n:].T
-        spin = idle @ idle.T @ start.Omega[b]
+        coupled, decoupled = free @ rows[:n].T, axes[b][:, none[b]] @ free @ rows[n:].T
+        spin = decoupled @ decoupled.T @ start.Omega[b]
         if np.linalg.norm(spin) > START_TOLERANCE:
             raise ValueError(
                 f"{_describe_axis(system, b, spin)}, and no joint acts there: its spin about it must start at 0 rad/s "
@@ -55,7 +57,7 @@ def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
             )
         if n:
             raise ValueError(
-                f"{_describe_axis(system, b, axes[b][:, none[b]] @ turned[:, 0])}, where joints or loads turn it: "
+                f"{_describe_axis(system, b, axes[b][:, none[b]] @ coupled[:, 0])}, where joints or loads turn it: "
                 "give it some, e.g. 1e-4 of its others, or put the joints on the axis"
             )
 
@@ -90,9 +92,14 @@ def _perturb_start(system: MultibodySystem, start: State, t_end: float) -> list[
 
 
 class _AllowedVelocities:
-    """Velocities that A allows at a state, for any rates of drives, x in coordinates in which M is the identity."""
+    """Velocities that A allows at a state, for any rates of drives, in coordinates x in which M is the identity."""
 
     def __init__(self, system: MultibodySystem, s: State, axes: np.ndarray, none: np.ndarray, t_end: float) -> None:
+        """Compute the velocities at ``s``, and ``acts`` (m, nb, 3): what acts about the principal ``axes`` of bodies.
+
+        These are the rows of A, of length one, then torques of the loads relative to all loads on the body, at times up
+        to ``t_end`` [s], and also with spin about the axes without inertia, which ``none`` flags.
+        """
         from .jacobian import constraint_jacobian
 
         nb = system.nb

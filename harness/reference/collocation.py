@@ -58,7 +58,7 @@ class Method(NamedTuple):
 
 
 def evaluate_nested_basis(x: Float[np.ndarray, " nx"], s: int) -> Float[np.ndarray, "nx s"]:
-    """Return x, x (1 - x), x^2 (1 - x), ... as s columns: the basis of DOP853's interpolant."""
+    """Return x, x (1 - x), x^2 (1 - x), ... at the points ``x`` as ``s`` columns: the basis of DOP853's interpolant."""
     return np.cumprod(np.stack([x if k % 2 == 0 else 1.0 - x for k in range(s)], axis=1), axis=1)
 
 
@@ -74,19 +74,19 @@ def make_radau(s: int) -> Method:
     integrals = (P[:, 1:] - before) / (2.0 * np.arange(s) + 1.0)
     inverse, nodes = 2.0 * P[:, :-1] @ np.linalg.inv(integrals), 0.5 * (x + 1.0)
     values, T = np.linalg.eig(inverse)
-    one = values.imag >= 0.0
-    back = T[:, one] * np.where(values[one].imag > 0.0, 2.0, 1.0)
+    upper = values.imag >= 0.0  # one eigenvalue of each conjugate pair
+    back = T[:, upper] * np.where(values[upper].imag > 0.0, 2.0, 1.0)
     return Method(
-        nodes, inverse, values[one], np.linalg.inv(T)[one], back, np.linalg.inv(evaluate_nested_basis(nodes, s))
+        nodes, inverse, values[upper], np.linalg.inv(T)[upper], back, np.linalg.inv(evaluate_nested_basis(nodes, s))
     )
 
 
 def estimate_jacobian(
     f: Rate, y: Float[np.ndarray, " ny"], units: Float[np.ndarray, " ny"]
 ) -> Float[np.ndarray, "ny ny"]:
-    """Return df/dy by differences of ``DIFFERENCE`` times the ``units`` of y's entries; ``f`` takes stacked states.
+    """Return the Jacobian df/dy at ``y`` by forward differences of ``DIFFERENCE`` times the ``units`` (scales) of y.
 
-    Columns of entries with an infinite unit (time) are zero: their stages are known.
+    ``f`` takes stacked states. Columns of entries with an infinite unit (time) are zero: their stages are known.
     """
     known = np.isfinite(units)
     change = DIFFERENCE * units[known]
@@ -113,9 +113,10 @@ class Collocation:
     def steps(
         self, y: Float[np.ndarray, " ny"], span: float, tolerance: float, units: Float[np.ndarray, " ny"]
     ) -> Iterator[Step]:
-        """Yield accepted steps from ``y`` over ``span`` [s]; raise ArithmeticError if steps become too short.
+        """Yield the accepted steps from the state ``y`` over ``span`` [s]; times are counted from its start.
 
         The highest Legendre coefficient of a step stays below ``tolerance`` times ``units``, the scales of y's entries.
+        Raises ArithmeticError if a step would be shorter than 1e-9 of the span.
         """
         method, t, solved, inverse = make_radau(self.s), 0.0, 0.0, np.zeros(0)
         while t < span:
@@ -131,7 +132,7 @@ class Collocation:
             if fresh or abs(h - solved) > 1e-6 * h:
                 inverse, solved = np.linalg.inv(method.values[:, None, None] / h * np.eye(len(y)) - self.J), h
             scale = np.where(np.isfinite(units), units, h)
-            Z, shrink = self._stages(y, h, inverse, guess, tolerance, scale)
+            Z, shrink = self._iterate_stages(y, h, inverse, guess, tolerance, scale)
             F = method.polynomial @ Z
             size = float(np.max(np.abs(F[-1]) / scale)) / comb(2 * self.s, self.s) / tolerance
             factor = min(2.0, 0.9 * max(size, 1e-300) ** (-1.0 / self.s))
@@ -148,7 +149,7 @@ class Collocation:
             if self.next_h < 1e-9 * span:
                 raise ArithmeticError(f"no step meets the tolerance (coefficient {size:.3g} times as large)")
 
-    def _stages(
+    def _iterate_stages(
         self, y: np.ndarray, h: float, inverse: np.ndarray, Z: np.ndarray, tolerance: float, units: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """Iterate the stages Z (s, ny) of a step from the guess ``Z``; return them and the slowest rate of convergence.

@@ -34,7 +34,7 @@ from .director_rows import ROWS
 from .directors import Directors
 from .extrapolation import Rate, vectorize_rate
 from .held import recall_value
-from .moving_rows import PUSHES
+from .moving_rows import ROW_FUNCTIONS
 from .newton_euler import NewtonEuler
 from .orbit import Orbit, Pair, Piece
 
@@ -119,7 +119,7 @@ def _import_hinged() -> ModuleType:
 
 
 def explain_end(reference: Reference | None) -> list[str]:
-    """Return a note on why a reference ends before its problem does, as a list of one; empty if it does not."""
+    """Return a note, in a list, on when and why a reference ends before its problem does; empty if it does not."""
     ends = getattr(reference, "ends", "")
     return [f"reference ends at {reference.horizon:.4g} s: {ends}"] if reference is not None and ends else []
 
@@ -156,17 +156,17 @@ def _is_integrated(reference_from: Callable[..., object]) -> bool:
 
 
 def is_computable(system: MultibodySystem) -> bool:
-    """Return whether a reference can be computed: both routes know all rows, and ``FEWEST`` steps fit ``LARGEST``.
+    """Return whether a reference can be computed for a system: up to about 60 bodies.
 
-    That holds for up to about 60 bodies.
+    Both routes must support all its kinds of rows, and ``FEWEST`` steps of route 2 must cost less than ``LARGEST`` [s].
     """
-    if not set(system.moving_rows().kind) <= PUSHES.keys() & ROWS.keys():
+    if not set(system.moving_rows().kind) <= ROW_FUNCTIONS.keys() & ROWS.keys():
         return False
     return _estimate_least_cost(system) < LARGEST
 
 
 def _estimate_least_cost(system: MultibodySystem) -> float:
-    """Return the CPU time [s] that ``FEWEST`` steps of the second route take, by the cost model.
+    """Return the CPU time [s] that ``FEWEST`` steps of route 2 take by the model of ``estimate_cost``.
 
     A step of extrapolation takes 72 evaluations.
     """
@@ -174,9 +174,9 @@ def _estimate_least_cost(system: MultibodySystem) -> float:
 
 
 def estimate_cost(system: MultibodySystem) -> tuple[float, float]:
-    """Return the CPU time [s] to evaluate one state by route 1, and by route 2, from a model.
+    """Return the CPU times [s] of one evaluation of a state, by route 1 and by route 2, from a model.
 
-    The model was fitted to systems of 1 to 55 bodies (docs/decisions).
+    The model was fitted to systems of 1 to 55 bodies (docs/decisions); it depends on the system's size alone.
     """
     n, nb = float(system.nrows), float(system.nb)
     laws = 1e-4 * len(system.user_i)  # evaluated one by one, in Python
@@ -186,22 +186,22 @@ def estimate_cost(system: MultibodySystem) -> tuple[float, float]:
 
 
 def compute_reference(problem: Problem) -> ComputedReference | None:
-    """Compute the reference by two routes, or load it from disk, even if the problem has an exact motion.
+    """Compute the reference by two routes and store it on disk, or load it from there if it was computed before.
 
-    None if not even a first chunk succeeds. A computed reference is stored on disk.
+    The problem's own exact motion, if there is one, is not used. None if not even a first chunk succeeds.
     """
     found = orbit.load_or_compute(
-        _key(problem), lambda: _find_agreement(problem.system, problem.initial, problem.t_end)
+        _digest_problem(problem), lambda: _find_agreement(problem.system, problem.initial, problem.t_end)
     )
     return None if found is None else ComputedReference(found, NewtonEuler(problem.system))
 
 
-def _key(problem: Problem) -> str | None:
-    """Return a digest of the system, start, time and all code of the routes, so that no stored motion is stale.
+def _digest_problem(problem: Problem) -> str | None:
+    """Return the digest by which a motion is stored: of the system, start, end time, budget and code of the routes.
 
     None if a user's force law depends on an object without a digest.
     """
-    digest = hashlib.sha256(_code())
+    digest = hashlib.sha256(_read_route_code())
     digest.update(repr((problem.t_end, BUDGET)).encode())
     s, start = problem.system, problem.initial
     arrays = [v for v in vars(s).values() if isinstance(v, np.ndarray) and v.dtype != object]
@@ -216,8 +216,8 @@ def _key(problem: Problem) -> str | None:
 
 
 @cache
-def _code() -> bytes:
-    """Return the text of all modules that the routes use."""
+def _read_route_code() -> bytes:
+    """Return the source text of this folder and of the other modules that the routes use, joined."""
     here = sorted(Path(__file__).parent.glob("*.py"))
     shared = [Path(str(m.__file__)) for m in (added_inertia, fixed_order, time_functions, user_forces)]
     return b"".join(f.read_bytes() for f in (*here, *shared))
@@ -243,7 +243,7 @@ class _Motion:
     why: str = ""  # why the integration ended early, in words
 
     def __post_init__(self) -> None:
-        """Set up both routes, and the sizes and frequencies that their tolerances and first steps depend on."""
+        """Set up both routes, and the lengths and frequency on which their tolerances and first steps depend."""
         self.given = replace(self.system)  # a copy, for which no routes are set up yet
         self._set_up_routes(self.system)
         self.radius = self.system.gyration
@@ -251,31 +251,30 @@ class _Motion:
         self.frequency = float(np.max(np.abs(np.concatenate(sines)), initial=0.0))
         self.size = float(max(np.max(self.radius), np.max(np.abs(self.system.joint_s_i), initial=0.0)))
 
-    def pieces(self, tolerance: float, correction: float) -> Iterator[Piece]:
-        """Yield chunks of about ``CHUNK`` steps up to t_end.
+    def integrate_chunks(self, tolerance: float, correction: float) -> Iterator[Piece]:
+        """Integrate by both routes from the start to t_end, and yield chunks of about ``CHUNK`` steps of route 2.
 
         After each, both states are projected onto the constraints. ``tolerance`` is that of route 1, ``correction``
-        that of route 2. If a route fails or the budget is spent, ``why`` is set and the chunks end. A chunk in which a
-        spring winds more than half a turn is repeated with a rewound spring.
+        that of route 2, relative to the scales of the states. If a route fails or the budget is spent, ``why`` is set
+        and the chunks end. A chunk in which a spring winds more than half a turn is repeated with a rewound spring.
         """
         try:
             self._set_up_routes(self.system)
-            y, z = self.first.project_state(self.first.start(self.start)), self.second.start(self.start)
-            first, second, pair = self._pair(y, z)
+            y, z = self.first.project_state(self.first.pack_state(self.start)), self.second.pack_state(self.start)
+            first, second, pair = self._make_pair(y, z)
             begin, speed, turn, self.reach = self.first.states(y[None]), 0.0, 0.0, 0.0
             t, span, tries = 0.0, self.t_end, 0
             self.stiff = self.is_stiff(y)
-            routes = self._collocations(first, second, len(y) + len(z)) if self.stiff else None
+            routes = self._make_collocations(first, second, len(y) + len(z)) if self.stiff else None
             while t < self.t_end:
                 most = CHUNK if len(self.first.rows) == self.first.nrows else SHORT
-                speed, turn = self._speeds(y, speed, turn)
+                speed, turn = self._update_speeds(y, speed, turn)
                 span = min(self.t_end - t, 4.0 * span if t else 0.25 / turn * 0.5**tries)
-                where = max(self.size, 0.1 * float(np.max(np.abs(y[: 3 * self.system.nb]))))
-                units = (where, speed, turn)
-                both = self.first.units(*units), self.second.units(*units)
+                length = max(self.size, 0.1 * float(np.max(np.abs(y[: 3 * self.system.nb]))))
+                scales = self.first.units(length, speed, turn), self.second.units(length, speed, turn)
                 span, left = min(span, self._estimate_law_time(y)), self.left
                 try:
-                    piece = self._chunk(pair, routes, (t, y, z), span, (tolerance, correction), both, most)
+                    piece = self._advance_chunk(pair, routes, (t, y, z), span, (tolerance, correction), scales, most)
                 except ArithmeticError:
                     if self.left < 0.0 or tries == TRIES or not np.any(self.given.torsion_k):
                         raise
@@ -286,8 +285,8 @@ class _Motion:
                     span *= 0.25 * 0.5 ** (tries - 1)  # the next chunk tries four times this
                     self._set_up_routes(rewind_springs(self.given, self.first.states(y[None])[0]))
                     y, z = self.first.project_state(y), self.second.project_state(z)
-                    first, second, pair = self._pair(y, z)
-                    routes = self._collocations(first, second, len(y) + len(z)) if self.stiff else None
+                    first, second, pair = self._make_pair(y, z)
+                    routes = self._make_collocations(first, second, len(y) + len(z)) if self.stiff else None
                     continue
                 t, span, tries = piece.t, min(span, most / 4.0 * span / len(piece.nodes)), 0
                 self.reach = max(self.reach, self._measure_distance(begin, self.first.states(piece.y[None])))
@@ -296,7 +295,7 @@ class _Motion:
         except (ArithmeticError, np.linalg.LinAlgError, ValueError) as error:  # ValueError: LAPACK, SciPy on overflow
             self.why = SPENT if str(error) == SPENT else f"a route fails there ({str(error).rstrip('.').lower()})"
 
-    def _chunk(
+    def _advance_chunk(
         self,
         pair: Pair,
         routes: tuple[Collocation, Collocation] | None,
@@ -306,10 +305,10 @@ class _Motion:
         units: tuple[np.ndarray, np.ndarray],
         most: int,
     ) -> Piece:
-        """Advance both routes by ``span`` [s] from ``at``, (t, y, z), and return the chunk.
+        """Advance both routes by ``span`` [s] from ``at``, time and both states (t, y, z), and return the chunk.
 
-        By collocation if ``routes`` are given. ``units`` are the scales of y and z; ``most`` is the number of steps
-        with which route 2 begins.
+        The collocations ``routes`` are used if given, else DOP853 and extrapolation. ``tolerances`` are those of
+        route 1 and route 2, ``units`` the scales of y and z; the first step of route 2 is ``span / most``.
         """
         tolerance, correction = tolerances
         if routes:
@@ -326,14 +325,14 @@ class _Motion:
             self.first.compile()
             self.second.compile()
 
-    def _pair(self, y: np.ndarray, z: np.ndarray) -> tuple[Rate, Rate, Pair]:
-        """Return the rates of both routes, which take their cost from the budget, and both as a pair from y and z."""
+    def _make_pair(self, y: np.ndarray, z: np.ndarray) -> tuple[Rate, Rate, Pair]:
+        """Return the rates of both routes, which charge the budget, and a ``Pair`` of them that starts at y, z."""
         c_first, c_second = estimate_cost(self.system)
-        first, second = self._charge(self.first.rate, c_first), self._charge(self.second.rate, c_second)
-        return first, second, Pair(first, second, y, z, self._disagreement, self.second.choose_rows)
+        first, second = self._charge_budget(self.first.rate, c_first), self._charge_budget(self.second.rate, c_second)
+        return first, second, Pair(first, second, y, z, self._measure_disagreement, self.second.choose_rows)
 
     def _estimate_law_time(self, y: np.ndarray) -> float:
-        """Return the time [s] over which rewound springs turn by ``WINDING`` at their present rate.
+        """Return the time [s] in which the fastest torsional spring turns by ``WINDING`` at its present rate.
 
         Infinite as long as no spring was rewound.
         """
@@ -343,34 +342,37 @@ class _Motion:
         return float(WINDING / rate) if rate > 0.0 else np.inf
 
     def _stays_within_laws(self, piece: Piece) -> bool:
-        """Return whether all torsional springs stay within half a turn of the angle of their law over a chunk."""
+        """Return whether all torsional springs stay within half a turn of their laws' reference angles over a chunk."""
         if not np.any(self.given.torsion_k):
             return True
         y, t = np.array([*(s[1] for s in piece.steps), piece.y]), np.array([*(s[0] for s in piece.steps), piece.t])
         return count_determined_rows(self.given, t, self.first.states(y)) == len(t)
 
-    def share(self, of: float) -> float:
-        """Return the fraction ``of`` times the reach so far [m], a limit on the stated error.
+    def limit_error(self, fraction: float) -> float:
+        """Return the limit [m] on the stated error: ``fraction`` times the reach so far.
 
-        Stiff systems always have the limit ``WORST``: their budget pays for one run only.
+        For stiff systems the fraction is always ``WORST``: their budget pays for one run only.
         """
-        return (WORST if self.stiff else of) * self.reach
+        return (WORST if self.stiff else fraction) * self.reach
 
     def is_stiff(self, y: np.ndarray) -> bool:
-        """Return whether damping keeps explicit steps so short that the budget cannot pay for them."""
+        """Return whether damping keeps explicit steps so short that the budget cannot pay for them.
+
+        The eigenvalues of route 1 at the start ``y`` decide. False without dampers and user forces.
+        """
         s = self.system
         if not (np.any(s.spring_c) or np.any(s.torsion_c) or len(s.user_i)):
             return False
         J = estimate_jacobian(vectorize_rate(self.first.rate), y, self.first.units(self.size, 1.0, 1.0))
-        return (
-            len(LEVELS) * DAMPED * -float(np.min(np.linalg.eigvals(J).real)) * self.t_end * sum(estimate_cost(s))
-            > BUDGET
-        )
+        fastest_decay = -float(np.min(np.linalg.eigvals(J).real))  # [1/s]
+        evaluations = len(LEVELS) * DAMPED * fastest_decay * self.t_end  # of each route, in all runs
+        cpu_time = evaluations * sum(estimate_cost(s))  # [s]
+        return cpu_time > BUDGET
 
-    def _collocations(self, first: Rate, second: Rate, n: int) -> tuple[Collocation, Collocation]:
-        """Return the collocations of both routes.
+    def _make_collocations(self, first: Rate, second: Rate, n: int) -> tuple[Collocation, Collocation]:
+        """Return the collocations of both routes from their rates, with 7 and 9 stages.
 
-        Each step subtracts the cost of the matrices of ``n`` unknowns, those of both states, from the budget.
+        Each step subtracts the cost of its matrices from the budget; ``n`` is the number of unknowns of both states.
         """
 
         def begin() -> None:
@@ -380,10 +382,10 @@ class _Motion:
 
         return Collocation(vectorize_rate(first), begin), Collocation(second, begin, s=9)  # other nodes, other errors
 
-    def _charge(self, rate: Callable[[np.ndarray], np.ndarray], each: float) -> Callable[[np.ndarray], np.ndarray]:
-        """Wrap ``rate`` so that each state evaluated takes ``each`` [s] from the budget.
+    def _charge_budget(self, rate: Rate, each: float) -> Rate:
+        """Wrap ``rate`` so that each state evaluated charges ``each`` [s] to the budget; return the wrapped rate.
 
-        The wrapped rate raises ArithmeticError if the budget is spent or a rate is not finite.
+        It raises ArithmeticError if the budget is spent or a rate is not finite.
         """
 
         def charged_rate(y: np.ndarray) -> np.ndarray:
@@ -399,23 +401,28 @@ class _Motion:
 
         return charged_rate
 
-    def _disagreement(self, y: np.ndarray, z: np.ndarray) -> float:
-        """Return the distance [m] of both routes, or |phi| of the rows that route 1 leaves out, if that is larger."""
+    def _measure_disagreement(self, y: np.ndarray, z: np.ndarray) -> float:
+        """Return the distance [m] between the states of both routes, or the largest |phi| of route 1 if that is larger.
+
+        Redundant rows, which route 1 leaves out, are included in |phi|.
+        """
         apart = self._measure_distance(self.first.states(y[None]), self.second.states(z[None]))
         return max(apart, self.first.measure_violation(y))
 
     def _measure_distance(self, a: States, b: States) -> float:
-        """Return the largest distance [m] of a body between two states: of its C, or by its rotation.
+        """Return the largest distance [m] between the poses of a body in the states ``a`` and ``b``.
 
-        A rotation by theta counts as 2 sin(theta/2) times the radius of gyration.
+        The distance of two poses is that of C, or that by rotation if it is larger: a rotation by theta counts as
+        2 sin(theta/2) times the radius of gyration.
         """
         turned = self.radius * np.linalg.norm(a.R - b.R, axis=(-2, -1)) / np.sqrt(2.0)
         return float(np.max(np.maximum(np.linalg.norm(a.r - b.r, axis=-1), turned)))
 
-    def _speeds(self, y: np.ndarray, speed: float, turn: float) -> tuple[float, float]:
-        """Return the largest speed [m/s] and angular velocity [rad/s] so far, given those before: scales of the rates.
+    def _update_speeds(self, y: np.ndarray, speed: float, turn: float) -> tuple[float, float]:
+        """Return the largest ``speed`` [m/s] and angular velocity ``turn`` [rad/s] so far, as scales of the rates.
 
-        Lower bounds follow from present accelerations, the size of the system, t_end, and the frequency of drives.
+        Arguments are those before, and the present state ``y`` of route 1. Accelerations, the size of the system,
+        t_end and the frequency of drives give lower bounds.
         """
         nb = self.system.nb
         v, a = y[7 * nb : -1], self.first.rate(y)[7 * nb : -1]
@@ -437,16 +444,16 @@ class _Level:
 
     def __post_init__(self) -> None:
         """Create the generator of chunks, which computes none yet."""
-        self._pieces = self.motion.pieces(*self.tolerances)
+        self._pieces = self.motion.integrate_chunks(*self.tolerances)
 
-    def orbit(self, share: float) -> Orbit | None:
-        """Continue until the bound exceeds ``share`` of the reach.
+    def extend_orbit(self, fraction: float) -> Orbit | None:
+        """Continue until the error bound exceeds the given ``fraction`` of the reach, or to the end of the motion.
 
-        Return, and keep, the part of the orbit below ``WORST``. None if no chunk succeeds.
+        Return, and keep as ``found``, the orbit up to where the bound exceeds ``WORST``. None if no chunk succeeds.
         """
         motion = self.motion
         with threadpool_limits(1):  # for matrices so small threads cost ten times what they save
-            found = orbit.join_chunks(self._all(), partial(motion.share, share))
+            found = orbit.join_chunks(self._list_chunks(), partial(motion.limit_error, fraction))
         if found is None:
             return None
         until = found.cut_at_bound(WORST * motion.reach)
@@ -455,7 +462,7 @@ class _Level:
         self.found = replace(until, stiff=motion.stiff, ends=ends)
         return self.found
 
-    def _all(self) -> Iterator[Piece]:
+    def _list_chunks(self) -> Iterator[Piece]:
         """Yield the chunks taken so far, then new ones."""
         yield from tuple(self.taken)
         for piece in self._pieces:
@@ -464,11 +471,11 @@ class _Level:
 
 
 def _find_agreement(system: MultibodySystem, start: State, t_end: float) -> Orbit | None:
-    """Return the orbit of the first level of tolerances at which both routes agree to the end, else the longest one.
+    """Return the orbit of the first of ``LEVELS`` at which both routes agree to the end, else the longest one.
 
-    The wide level pauses where its bound exceeds ``AGREED`` of the reach. If the narrow one does not reach the end
-    either, the wide one continues on a budget of its own, and serves ``beyond`` the narrow one. A level that its budget
-    ended is not continued. None if no level advances at all.
+    The level of wide tolerances pauses where its bound exceeds ``AGREED`` of the reach. If that of narrow ones does not
+    reach the end either, the wide one continues on a budget of its own, and serves ``beyond`` the narrow one. A level
+    that its budget ended is not continued. None if no level advances at all.
     """
     left, best, levels = max(BUDGET, 2.0 * _estimate_least_cost(system)), None, list[_Level]()
     for tolerances, share in zip((*LEVELS, LEVELS[0]), (AGREED, WORST, WORST), strict=True):
@@ -479,7 +486,7 @@ def _find_agreement(system: MultibodySystem, start: State, t_end: float) -> Orbi
         motion = level.motion
         motion.left = max(motion.left, BUDGET) if again else motion.left
         levels.append(level)
-        found, left = level.orbit(share), motion.left
+        found, left = level.extend_orbit(share), motion.left
         if found is None:
             continue
         if again and best is not None and best.horizon > 0.0:

@@ -12,16 +12,16 @@ Rate = Callable[[np.ndarray], np.ndarray]  # rate of several states (k, ny) at o
 
 
 def vectorize_rate(f: Rate) -> Rate:
-    """Return a rate for several states at once from the rate ``f`` of one state."""
+    """Return a rate of stacked states (k, ny), which calls the rate ``f`` of one state for each."""
     return lambda states: np.stack([f(y) for y in states])
 
 
 def gbs_step(f: Rate, y: np.ndarray, H: float, columns: int = 8) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``y`` advanced by ``H`` along the autonomous y_dot = f(y), and the last correction of the extrapolation.
+    """Return the state ``y`` after a step ``H`` [s] of y_dot = f(y), and the last correction of the extrapolation.
 
-    The correction is usually much larger than the error of the result. ``columns`` is half the order.
+    The correction is usually much larger than the error of the result. The order is twice the number of ``columns``.
     """
-    increments = _midpoints(f, y, y.dtype.type(H), columns)
+    increments = _integrate_midpoints(f, y, y.dtype.type(H), columns)
     row: list[np.ndarray] = []
     for j in range(1, columns + 1):
         previous, row = row, [increments[j - 1]]
@@ -32,9 +32,9 @@ def gbs_step(f: Rate, y: np.ndarray, H: float, columns: int = 8) -> tuple[np.nda
 
 
 def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8) -> np.ndarray:
-    """Return the motion of ``f``, the rate of one state, from ``y0`` at the times ``t`` (nt, ny).
+    """Integrate y_dot = f(y) from ``y0`` at ``t[0]``, and return the states (nt, ny) at the times ``t`` [s].
 
-    ``substeps`` is the number of extrapolation steps between two times.
+    ``f`` is the rate of one state, ``substeps`` the number of extrapolation steps between two times.
     """
     out = [y0]
     for span in np.diff(t.astype(y0.dtype)):
@@ -53,10 +53,10 @@ def gbs_adaptive(
     H: float,
     begin: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield (time [s], state) after each accepted step over ``span`` [s]; corrections stay below ``tolerance``.
+    """Yield (time [s], state) after each accepted step over ``span`` [s]; times are counted from its start.
 
-    ``H`` [s] is the first step tried; ``begin`` is called before each step. Raise ArithmeticError if steps become too
-    short.
+    Corrections stay below ``tolerance``. ``H`` [s] is the first step tried; ``begin`` is called before each step.
+    Raises ArithmeticError if a step shorter than 1e-9 of the span is rejected.
     """
     t = 0.0
     while t < span:
@@ -73,10 +73,11 @@ def gbs_adaptive(
             raise ArithmeticError(f"no step meets the tolerance (correction {size:.3g} times as large)")
 
 
-def _midpoints(f: Rate, y: np.ndarray, H: np.floating, columns: int) -> np.ndarray:
-    """Return increments (columns, ny) of the modified midpoint rule over ``H`` with 2, 4, ..., 2 ``columns`` substeps.
+def _integrate_midpoints(f: Rate, y: np.ndarray, H: np.floating, columns: int) -> np.ndarray:
+    """Return the increments of y by the modified midpoint rule over ``H`` [s] with 2, 4, ..., 2 ``columns`` substeps.
 
-    Increments, because the extrapolation then amplifies their rounding and not that of ``y``.
+    They are stacked along the first axis. Increments, because the extrapolation then amplifies their rounding and not
+    that of ``y``.
     """
     n = 2 * np.arange(1, columns + 1)
     h = (H / n.astype(y.dtype)).reshape(-1, *[1] * y.ndim)

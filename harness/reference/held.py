@@ -15,12 +15,12 @@ _held: dict[int, tuple[Problem, dict[Hashable, Any]]] = {}
 
 
 def hold_values(problem: Problem) -> None:
-    """Keep from now on what ``recall_value`` computes for this problem object."""
+    """Keep from now on, in memory, the values that ``recall_value`` computes for this problem object."""
     _held.setdefault(id(problem), (problem, {}))
 
 
 def recall_value(problem: Problem, key: Hashable, compute: Callable[[], T]) -> T:
-    """Return what ``compute`` returns; for a problem that is held it is called once for each ``key``."""
+    """Return the result of ``compute``, which for a problem that is held is called only once for each ``key``."""
     one, values = _held.get(id(problem), (None, {}))
     if one is not problem:
         return compute()
@@ -31,12 +31,12 @@ def recall_value(problem: Problem, key: Hashable, compute: Callable[[], T]) -> T
 
 
 def peek_value(problem: Problem, key: Hashable) -> Any:
-    """Return a value that is held for a problem, None if there is none."""
+    """Return the value held under ``key`` for a problem, without computing it; None if there is none."""
     one, values = _held.get(id(problem), (None, {}))
     return values.get(key) if one is problem else None
 
 
 def forget_value(problem: Problem, key: Hashable) -> None:
-    """Remove one value of a problem, as it is too large to be inherited."""
+    """Remove the value held under ``key`` for a problem, if there is one: it is too large to be inherited by forks."""
     if id(problem) in _held:
         _held[id(problem)][1].pop(key, None)

@@ -1,4 +1,6 @@
-"""Evaluate route 1's moving rows: a force at a point x and a torque on body i, the opposite on j, and their rates.
+"""Evaluate route 1's rows of driven, rolling, knife-edge and rack joints: its moving rows.
+
+A row is a force F at a point x and a torque T on body i, the opposite on j, with their rates:
 
     phi_dot = F . (v_i(x) - v_j(x)) + T . (omega_i - omega_j) + phi_t
 
@@ -14,7 +16,7 @@ ZERO = np.zeros(3)
 
 
 class MovingRowRates(NamedTuple):
-    """A moving row: its force and torque on body i for a reaction of 1, and their rates at constant velocities."""
+    """A moving row: its force and torque on body i for a multiplier of 1, and their rates at constant velocities."""
 
     phi: float
     phi_t: float
@@ -27,11 +29,11 @@ class MovingRowRates(NamedTuple):
     x_rate: np.ndarray
 
     def acceleration(self, i: "Body", j: "Body") -> float:
-        """Return phi_ddot of the row while both bodies keep v and omega."""
-        bend = cross(i.omega, self.x_rate - i.v) - cross(j.omega, self.x_rate - j.v)
-        seen = i.velocity(self.x) - j.velocity(self.x)
+        """Return phi_ddot of the row if both bodies keep v and omega: the part without accelerations."""
+        convective = cross(i.omega, self.x_rate - i.v) - cross(j.omega, self.x_rate - j.v)
+        slip = i.velocity(self.x) - j.velocity(self.x)
         turning = self.T_rate @ (i.omega - j.omega)
-        return self.F_rate @ seen + self.F @ bend + turning + self.phi_t_rate
+        return self.F_rate @ slip + self.F @ convective + turning + self.phi_t_rate
 
 
 class Body(NamedTuple):
@@ -58,15 +60,21 @@ class Joint(NamedTuple):
     f: tuple[float, float, float]
 
 
-def _driven_position(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
-    """Return the row phi = n . d - f of a driven position, as a list of one; d is the gap of the joint's points."""
+def _evaluate_driven_position(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
+    """Return the row phi = n . d - f of a driven position, in a list.
+
+    d is the distance vector of the joint's points, n a direction of body j, f the prescribed function of time.
+    """
     x, n = i.r + i.R @ p.s_i, j.R @ p.n[0]
     phi = n @ (x - j.r - j.R @ p.s_j) - p.f[0]
     return [MovingRowRates(phi, -p.f[1], -p.f[2], n, cross(j.omega, n), ZERO, ZERO, x, i.velocity(x))]
 
 
-def _driven_distance(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
-    """Return the row phi = |d| - f of a driven distance, as a list of one."""
+def _evaluate_driven_distance(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
+    """Return the row phi = |d| - f of a driven distance, in a list.
+
+    d is the distance vector of the joint's points, f the prescribed function of time.
+    """
     x, y = i.r + i.R @ p.s_i, j.r + j.R @ p.s_j
     d, d_dot = x - y, i.velocity(x) - j.velocity(y)
     distance = np.sqrt(d @ d)
@@ -75,8 +83,11 @@ def _driven_distance(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
     return [MovingRowRates(distance - p.f[0], -p.f[1], -p.f[2], e, e_dot, ZERO, ZERO, x, i.velocity(x))]
 
 
-def _driven_angle(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
-    """Return the row phi = u . n(f) = sin(theta - f) of a driven angle: a pure torque u x n(f), no force."""
+def _evaluate_driven_angle(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
+    """Return the row phi = u . n(f) of a driven angle, in a list: a torque u x n(f) without a force.
+
+    u is a direction of body i, n(f) one of body j that turns with the prescribed angle f about the joint's axis.
+    """
     f, f_dot, f_ddot = p.f
     u, n_1, n_2 = i.R @ p.u, j.R @ p.n[0], j.R @ p.n[1]
     n, dn = n_1 * np.cos(f) + n_2 * np.sin(f), n_2 * np.cos(f) - n_1 * np.sin(f)
@@ -87,14 +98,17 @@ def _driven_angle(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
     return [MovingRowRates(u @ n, u @ dn * f_dot, phi_t_rate, ZERO, ZERO, cross(u, n), T_rate, i.r, i.v)]
 
 
-def _knife_edge(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
-    """Return the row u . (v_i - v_j) - f = 0 of a knife edge, which has no phi, as a list of one."""
+def _evaluate_knife_edge(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
+    """Return the row u . (v_i - v_j) - f = 0 of a knife edge, in a list; it is nonholonomic, so that its phi is 0."""
     x, u = i.r + i.R @ p.s_i, i.R @ p.u
     return [MovingRowRates(0.0, -p.f[0], -p.f[1], u, cross(i.omega, u), ZERO, ZERO, x, i.velocity(x))]
 
 
-def _rolling(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
-    """Return the three rows of a rolling disc: the height of its lowest point, and no slip there in two directions."""
+def _evaluate_rolling_disc(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
+    """Return the three rows of a disc that rolls on a plane of body j.
+
+    The first has the height of its lowest point as phi; the others prohibit slip there in two directions, with phi = 0.
+    """
     centre, axis, n = i.r + i.R @ p.s_i, i.R @ p.u, j.R @ p.n[0]
     axis_dot, n_dot = cross(i.omega, axis), cross(j.omega, n)
     down = (n @ axis) * axis - n
@@ -103,17 +117,18 @@ def _rolling(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
     x = centre + (p.length / steep) * down
     x_dot = i.velocity(centre) + p.length / steep * (down_dot - (down @ down_dot) / steep**2 * down)
     phi = n @ (x - j.r - j.R @ p.s_j)
-    ways = [j.R @ way for way in p.n]
+    directions = [j.R @ direction for direction in p.n]
     return [
-        MovingRowRates(phi if k == 0 else 0.0, 0.0, 0.0, way, cross(j.omega, way), ZERO, ZERO, x, x_dot)
-        for k, way in enumerate(ways)
+        MovingRowRates(phi if k == 0 else 0.0, 0.0, 0.0, direction, cross(j.omega, direction), ZERO, ZERO, x, x_dot)
+        for k, direction in enumerate(directions)
     ]
 
 
-def _rack(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
-    """Return the row phi = r theta - e . d of a rack and pinion: a force along the rack, a torque on the pinion.
+def _evaluate_rack(i: Body, j: Body, p: Joint) -> list[MovingRowRates]:
+    """Return the row phi = r theta - e . d of a rack and pinion, in a list: a force along the rack, and a torque.
 
-    The torque is r if u is normal to the pinion's axis.
+    r [m] is the radius of the pinion, theta its angle, e the direction of the rack, d from the rack's point to the
+    pinion's. phi is taken modulo whole turns. The torque is r if u is normal to the pinion's axis.
     """
     x, u, e, b = i.r + i.R @ p.s_i, i.R @ p.u, -(j.R @ p.n[1]), j.R @ p.n[0]
     axis = cross(e, b)
@@ -134,11 +149,11 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-PUSHES: dict[str, Callable[[Body, Body, Joint], list[MovingRowRates]]] = {
-    "driven position": _driven_position,
-    "driven angle": _driven_angle,
-    "driven distance": _driven_distance,
-    "knife edge": _knife_edge,
-    "rolling disc": _rolling,
-    "rack and pinion": _rack,
+ROW_FUNCTIONS: dict[str, Callable[[Body, Body, Joint], list[MovingRowRates]]] = {
+    "driven position": _evaluate_driven_position,
+    "driven angle": _evaluate_driven_angle,
+    "driven distance": _evaluate_driven_distance,
+    "knife edge": _evaluate_knife_edge,
+    "rolling disc": _evaluate_rolling_disc,
+    "rack and pinion": _evaluate_rack,
 }

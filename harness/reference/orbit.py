@@ -55,7 +55,7 @@ class Orbit:
         return self.end if self.beyond is None else self.beyond.horizon
 
     def __call__(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, "nt ny"]:
-        """Return the vectors of route 1 at ``t`` [s]; raise ValueError beyond the horizon."""
+        """Return the state vectors of route 1 at ``t`` [s]; raise ValueError beyond the horizon."""
         t = self._clip_times(t)
         if self.beyond is not None and np.any(later := t > self.end):
             out = np.zeros((len(t), self.y.shape[1]))
@@ -77,12 +77,12 @@ class Orbit:
         return np.where(t > self.end, np.maximum(self.bound[-1], self.beyond.error(t)), self.bound[k])
 
     def cut_at_bound(self, worst: float) -> "Orbit":
-        """Return the part before the bound reaches ``worst`` [m]; it has zero length if the first bound does."""
+        """Return the orbit up to where its bound reaches ``worst`` [m]; of zero length if the first bound does."""
         inside = max(int(np.searchsorted(self.bound, worst)), 1)
         return replace(self, bound_t=self.bound_t[:inside], bound=self.bound[:inside])
 
     def _clip_times(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return ``t`` [s], cut to the horizon where rounding exceeds it; raise ValueError for times outside."""
+        """Return ``t`` [s] with times beyond the horizon by rounding set to it; raise ValueError for others."""
         t = np.asarray(t, dtype=float)
         if np.any(t < 0.0) or np.any(t > self.horizon * (1.0 + 1e-9)):
             raise ValueError(f"the reference covers 0..{self.horizon:g} s (got {np.min(t):g}..{np.max(t):g} s)")
@@ -121,10 +121,10 @@ def advance_routes(
     units: tuple[np.ndarray | float, np.ndarray | float] = (1.0, 1.0),
     steps: float = 64.0,
 ) -> Piece:
-    """Advance both routes by ``span`` [s] from ``at``, (t, y, z), and return the chunk.
+    """Advance both routes by ``span`` [s] from ``at``, time and both states (t, y, z), and return the chunk.
 
-    Raise ArithmeticError if one fails. ``tolerance`` is that of route 1, ``correction`` that of route 2, relative to
-    ``units`` of y and z. The first step of route 2 is ``span / steps``.
+    ``tolerance`` is that of route 1 (DOP853), ``correction`` that of route 2 (extrapolation), relative to ``units``,
+    the scales of y and z. The first step of route 2 is ``span / steps``. Raises ArithmeticError if a route fails.
     """
     from scipy.integrate import solve_ivp  # here: it takes a third of a second to load
 
@@ -156,7 +156,10 @@ def advance_stiff(
     correction: float,
     units: tuple[np.ndarray, np.ndarray],
 ) -> Piece:
-    """Advance both routes as ``advance_routes`` does, by collocations that continue from their last steps."""
+    """Advance both routes by the collocations ``routes``, which continue from their last steps; return the chunk.
+
+    Arguments and failures are those of ``advance_routes``.
+    """
     t, y, z = at
     taken = list(routes[0].steps(y, span, tolerance, units[0]))
     starts = [step.t for step in taken]
@@ -169,7 +172,10 @@ def advance_stiff(
 
 
 def join_chunks(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | None:
-    """Join consecutive chunks into an orbit, up to the first whose bound exceeds ``worst()`` [m]; None without any."""
+    """Join consecutive chunks into an orbit, up to the first after which its bound exceeds ``worst()`` [m].
+
+    The bound is ``SAFETY`` times the largest disagreement so far. Return None if there is no chunk.
+    """
     steps: list[tuple[float, np.ndarray, np.ndarray]] = []
     bound_t, bound, end = [0.0], [FLOOR], 0.0
     for piece in pieces:
@@ -195,7 +201,7 @@ _only_stored = ContextVar("_only_stored", default=False)
 
 @contextmanager
 def read_only_stored() -> Iterator[None]:
-    """Let ``load_or_compute`` raise ``NotStoredError`` instead of computing, as in a process that must not be busy."""
+    """Let ``load_or_compute`` raise ``NotStoredError`` within this context instead of computing an orbit."""
     token = _only_stored.set(True)
     try:
         yield
@@ -204,29 +210,29 @@ def read_only_stored() -> Iterator[None]:
 
 
 def load_or_compute(key: str | None, compute: Callable[[], Orbit | None]) -> Orbit | None:
-    """Load the orbit of the digest ``key`` from disk, or compute and store it.
+    """Load the orbit stored under the digest ``key``, or compute and store it; return it.
 
-    None if there is none, which is stored too. Without a key it is computed anew. Files are separate for each
-    arithmetic: orbits computed natively or by other kernels differ in their last bits.
+    None if ``compute`` finds no orbit, which is stored too. Without a key the orbit is computed and not stored. Files
+    are separate for each arithmetic: orbits computed natively or by other kernels differ in their last bits.
     """
     if key is None:
         if _only_stored.get():
             raise NotStoredError
         return compute()
     file = FOLDER / name_arithmetic() / f"{key[:24]}.npz"
-    known = _read(file)
+    known = _read_orbit(file)
     if known is not None:
         return known if len(known.y) else None
     if _only_stored.get():
         raise NotStoredError
     found = compute()
     nothing = np.zeros(0)
-    _write(file, found or Orbit(nothing, np.zeros((0, 0)), np.zeros((0, 7, 0)), nothing, nothing))
+    _write_orbit(file, found or Orbit(nothing, np.zeros((0, 0)), np.zeros((0, 7, 0)), nothing, nothing))
     return found
 
 
-def _read(file: Path) -> Orbit | None:
-    """Return a stored orbit, empty if it is known that there is none; None if the file is absent or damaged."""
+def _read_orbit(file: Path) -> Orbit | None:
+    """Return the orbit of ``file``, without steps if its computation found none; None if absent or damaged."""
     try:
         with np.load(io.BytesIO(read_sealed_file(file, LARGEST))) as stored:
             stiff = bool(stored.get("stiff", False))  # older files of certified motions have none
@@ -237,7 +243,7 @@ def _read(file: Path) -> Orbit | None:
         return None
 
 
-def _write(file: Path, orbit: Orbit) -> None:
+def _write_orbit(file: Path, orbit: Orbit) -> None:
     """Write an orbit to ``file`` atomically, as several processes may compute the same motion; ignore OSError."""
     own = {name: value for name, value in vars(orbit).items() if name != "beyond"}
     further = ("t", "y", "F", "bound_t", "bound") if orbit.beyond is not None else ()

@@ -6,7 +6,7 @@ time on small arrays, and each route has one set of formulas only.
 
 import operator
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -66,14 +66,14 @@ def _unwrap_number(a: Any) -> Any:
     return a.x if isinstance(a, TapeNumber) else float(a)
 
 
-def _operator(name: str, swap: bool) -> Callable[[TapeNumber, Any], Any]:
-    """Return the method of ``TapeNumber`` for an operator of the module ``operator``, which leaves out zeros.
+def _make_operator(name: str, swap: bool) -> Callable[[TapeNumber, Any], Any]:
+    """Return the method of ``TapeNumber`` for the operator ``name``, such as "add", which does not record zeros.
 
     With ``swap`` it is the reflected method, with the ``TapeNumber`` on the right.
     """
     act = getattr(operator, name)
 
-    def both(self: TapeNumber, other: Any) -> Any:
+    def apply_operator(self: TapeNumber, other: Any) -> Any:
         """Apply the operator, without recording sums with zero or products with it."""
         if isinstance(other, np.ndarray):
             return NotImplemented  # NumPy then proceeds element by element
@@ -87,19 +87,30 @@ def _operator(name: str, swap: bool) -> Callable[[TapeNumber, Any], Any]:
         a, b = self.x, _unwrap_number(other)
         return TapeNumber(act(b, a) if swap else act(a, b))
 
-    return both
+    return apply_operator
 
 
 for _name in ("add", "sub", "mul", "truediv"):
-    setattr(TapeNumber, f"__{_name}__", _operator(_name, False))
-    setattr(TapeNumber, f"__r{_name}__", _operator(_name, True))
+    setattr(TapeNumber, f"__{_name}__", _make_operator(_name, False))
+    setattr(TapeNumber, f"__r{_name}__", _make_operator(_name, True))
+
+
+class TapeMemory(NamedTuple):
+    """The arrays of a compiled evaluation at some number of states, and how to run it."""
+
+    states: np.ndarray  # (nt, n) input
+    found: np.ndarray  # (nt, m) entries that are not zero in every state
+    whole: np.ndarray  # (nt, size) all entries
+    arrays: tuple[np.ndarray, ...]  # views of ``whole`` in the shapes of the results
+    run: Callable[[], None]
+    buffer: Any  # CasADi's, to be kept alive
 
 
 class Tape:
     """A compiled evaluation at many states (nt, n) of a ``function`` that is written for one state (n,)."""
 
     def __init__(self, function: Callable[[np.ndarray], tuple[np.ndarray, ...]], n: int) -> None:
-        """Record ``function``, which returns arrays, on symbols of one state with ``n`` entries."""
+        """Record and compile ``function``, which returns arrays, on symbols of one state with ``n`` entries."""
         import casadi as ca
 
         ZERO.x = ca.SX(0.0)
@@ -112,25 +123,25 @@ class Tape:
         out = ca.sparsify(ca.vertcat(*(_unwrap_number(a) for array in found for a in array.ravel())))
         self._rows = np.array(out.sparsity().row(), dtype=np.int64)  # of the entries that are not zero in every state
         self._one = ca.Function("terms", [y], [out.nz[:]])
-        # by number of states: memory of the states, of what is computed of them, and of all; its parts; how to run it
-        self._of: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, ...], Any, Any]] = {}
+        self._memories: dict[int, TapeMemory] = {}  # by number of states
 
     def __call__(self, y: Float[np.ndarray, "nt n"]) -> tuple[np.ndarray, ...]:
-        """Evaluate the arrays of ``function`` at states (nt, n), with the states as first axis.
+        """Return the arrays of ``function`` at the states ``y`` (nt, n), with the states as first axis.
 
         The arrays returned are views of memory that the next call with as many states overwrites.
         """
         nt = len(y)
-        if nt not in self._of:
-            held, run = (self._one if nt == 1 else self._one.map(nt)).buffer()
-            given, found = np.empty(y.shape), np.empty((nt, len(self._rows)))
-            held.set_arg(0, given.data)
-            held.set_res(0, found.data)
+        if nt not in self._memories:
+            buffer, run = (self._one if nt == 1 else self._one.map(nt)).buffer()
+            states, found = np.empty(y.shape), np.empty((nt, len(self._rows)))
+            buffer.set_arg(0, states.data)
+            buffer.set_res(0, found.data)
             whole = np.zeros((nt, int(self._ends[-1])))
             split = zip(np.split(whole, self._ends[:-1], axis=1), self._shapes, strict=True)
-            self._of[nt] = given, found, whole, tuple(a.reshape(nt, *shape) for a, shape in split), run, held
-        given, found, whole, parts, run, _ = self._of[nt]
-        given[:] = y
-        run()
-        whole[:, self._rows] = found
-        return parts
+            arrays = tuple(a.reshape(nt, *shape) for a, shape in split)
+            self._memories[nt] = TapeMemory(states, found, whole, arrays, run, buffer)
+        memory = self._memories[nt]
+        memory.states[:] = y
+        memory.run()
+        memory.whole[:, self._rows] = memory.found
+        return memory.arrays

@@ -27,10 +27,10 @@ class OldFolder:
     bytes: int
 
 
-def find_old(local: Path, keep: int, older_than: float) -> list[OldFolder]:
+def find_old_folders(local: Path, keep: int, older_than: float) -> list[OldFolder]:
     """Return the results folders in ``local`` that ``clean`` may remove, sorted by path.
 
-    They were not changed for ``older_than`` [s] and are not among the newest ``keep`` of their suite. Folders named by
+    They have not changed for ``older_than`` [s] and are not among the newest ``keep`` of their suite. Folders named by
     the user, links, and the target of ``latest`` are never returned.
     """
     latest, newest = (local / "latest").resolve(), dict[str, list[Path]]()
@@ -42,7 +42,7 @@ def find_old(local: Path, keep: int, older_than: float) -> list[OldFolder]:
     return [OldFolder(path, measure_size(path)) for path in sorted(old)]
 
 
-def remove(folder: Path) -> bool:
+def remove_folder(folder: Path) -> bool:
     """Remove a results folder and return True; return False, and change nothing, if a command is using it."""
     with contextlib.ExitStack() as held:
         try:
@@ -55,7 +55,7 @@ def remove(folder: Path) -> bool:
 
 
 def is_in_use(folder: Path) -> bool:
-    """Return whether a command is writing into a results folder, or holds it."""
+    """Return whether a command is writing into a results folder or holds it; True, too, if the folder is unreadable."""
     try:
         if (ConfinedPath(folder) / store.LOCK).is_own_file():
             store.lock_folder(folder).close()
@@ -66,7 +66,7 @@ def is_in_use(folder: Path) -> bool:
 
 
 def list_files(folder: Path) -> Iterator[os.DirEntry[str]]:
-    """Yield all files in ``folder`` and its subfolders, without following links."""
+    """Yield all files in ``folder`` and its subfolders; links are neither yielded nor followed."""
     with contextlib.suppress(FileNotFoundError), os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir(follow_symlinks=False):
@@ -83,7 +83,7 @@ def measure_size(folder: Path) -> int:
 def remove_unused(folders: Sequence[Path], older_than: float, *, dry_run: bool = False) -> tuple[int, int]:
     """Remove files below ``folders`` that nothing has read or written for ``older_than`` [s], at least ``RECENT``.
 
-    Return their number and total bytes. With ``dry_run`` they are counted and not removed.
+    Return their number and total size [bytes]. With ``dry_run`` they are counted and not removed.
     """
     files = size = 0
     for entry in [e for folder in folders for e in list_files(folder)]:
@@ -96,7 +96,10 @@ def remove_unused(folders: Sequence[Path], older_than: float, *, dry_run: bool =
 
 
 def _make_age_key(path: Path) -> tuple[str, str]:
-    """Return the sort key of a results folder by age: the time in its name, "" in a user's name, then the name."""
+    """Return a sort key that orders results folders by age: the time in the name, and the name.
+
+    The time is empty in a name that the user has chosen.
+    """
     named = NAMED.fullmatch(path.name)
     return (named[2] if named else "", path.name)
 

@@ -19,26 +19,26 @@ FILE = "columns.json"
 
 
 def read_stored_digests(folder: Path) -> dict[str, ColumnDigests]:
-    """Return the states of the code that measured the runs of a folder, by their digests.
+    """Return the states of the code that measured the runs of a folder, by their digests; empty without a file.
 
-    An entry that is invalid, or filed under another digest than its own, is left out, and so is a file that is no table
-    of entries: runs measured by those states count as measured by unknown code. ``find_faults`` says what is left out.
+    An entry that is invalid, or stored under another digest than its own, is left out, and so is a file that is no
+    table of entries: runs measured by those states count as measured by unknown code. ``find_faults`` reports it.
     """
     states, _ = _read(folder)
     return states
 
 
 def find_faults(folder: Path) -> dict[Path, str]:
-    """Return the first reason why ``read_stored_digests`` leaves out a part of the file, by its path; empty if none."""
+    """Return the path of the file with the first reason why ``read_stored_digests`` leaves out something, or {}."""
     _, faults = _read(folder)
     return faults
 
 
 def add_column_digests(folder: Path, *states: ColumnDigests) -> dict[Path, str]:
-    """Add states of the code that measures to the file of a folder; call with the folder's lock held.
+    """Add ``states`` of the measuring code to the file of a folder; call with the folder's lock held.
 
-    A file that is written anew keeps its valid entries; one that has others is moved to ``set_aside/`` first, so that
-    nothing of it is lost. Return what was set aside, with the reason.
+    The file is left alone if it has them all. Otherwise it is written anew with its valid entries; if it has invalid
+    ones, it is moved to ``set_aside/`` first, so that nothing is lost. Return what was set aside, with the reason.
     """
     known, faults = _read(folder)
     new = {state.digest: state for state in states}
@@ -81,9 +81,9 @@ def _read(folder: Path) -> tuple[dict[str, ColumnDigests], dict[Path, str]]:
 def find_stale_columns(record: RunRecord, known: Mapping[str, ColumnDigests], now: ColumnDigests) -> tuple[str, ...]:
     """Return the columns of a record that the present code ``now`` would measure in another way; empty if none.
 
-    ``known`` are the states of the code in the record's folder; of an unknown one all columns may be stale. Columns
-    that are newer than the record are not among them. A record older than the column ``measured_by`` has this digest in
-    its ``code``.
+    ``known`` are the states of the code in the record's folder, by digest. If the record's own is not among them, all
+    columns are returned. Columns that are newer than the record never are, and a record older than the column
+    ``measured_by`` has no stale columns, since its ``code`` covers the measuring too.
     """
     if record.measured_by in ("", now.digest):
         return ()

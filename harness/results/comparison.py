@@ -73,7 +73,7 @@ class Comparison:
 
 
 def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparison:
-    """Compare two sets of records run by run, using the newest record of each run."""
+    """Compare two sets of records run by run, matched by ``settings_id``; the newest record of each run counts."""
     a, b = ({r.settings_id: r for r in select_newest(records)} for records in (before, after))
     both = [s for s in a if s in b]
     changes = [c for s in both for c in _find_changes(a[s], b[s])]
@@ -86,14 +86,14 @@ def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparis
 
 
 def measure_change(c: Finding) -> float:
-    """Return the relative change; infinite if a status changed or a number appeared or vanished."""
+    """Return the relative change of a number; infinite for a status, and if a number is not finite before or after."""
     if not (math.isfinite(c.before) and math.isfinite(c.value)):
         return math.inf
     return abs(c.value - c.before) / max(abs(c.before), abs(c.value), 1e-300)
 
 
 def read_change(c: Finding) -> tuple[float | str, float | str]:
-    """Return what was before and what is after a change, two words or two numbers."""
+    """Return the values before and after a change: two statuses, or two numbers."""
     return (c.required, c.words) if c.words else (c.before, c.value)
 
 
@@ -103,7 +103,10 @@ def is_repeatable(record: RunRecord) -> bool:
 
 
 def _find_changes(a: RunRecord, b: RunRecord) -> list[Finding]:
-    """Return the differences in status and numbers between two records of one run."""
+    """Return a finding on each difference in status or a number between the records ``a`` and ``b`` of one run.
+
+    A status that differs fails; a number fails unless it may differ so much between two machines.
+    """
     out = []
     if a.status != b.status:
         out.append(Finding("status", words=b.status, required=a.status, verdict=Verdict.FAILED, subject=a.case))
@@ -118,10 +121,11 @@ def _find_changes(a: RunRecord, b: RunRecord) -> list[Finding]:
 
 
 def _is_rounding(a: RunRecord, name: str, x: float, y: float) -> bool:
-    """Return whether ``x`` and ``y``, in the column ``name`` of two records of one run, differ as on two machines.
+    """Return whether two values of the column ``name`` differ by no more than a run may on two machines.
 
-    The allowed difference covers rounding or, under error control, another choice of steps. With a fixed step the
-    number of steps must be equal.
+    ``x`` is the value in the record ``a``, ``y`` that in another record of the same run. The allowed difference covers
+    rounding or, under error control, another choice of steps. The number of fixed steps must be equal, and a value that
+    is not finite differs by more.
     """
     if not (math.isfinite(x) and math.isfinite(y)) or (name == "steps" and a.control == "dt"):
         return False
@@ -133,7 +137,7 @@ def _is_rounding(a: RunRecord, name: str, x: float, y: float) -> bool:
 def _pair_deviations(
     column: str, a: Mapping[str, Deviation], b: Mapping[str, Deviation]
 ) -> list[tuple[str, float, float]]:
-    """Return name and both maxima of each quantity of a column that both records have."""
+    """Return name and both maxima of each observable or invariant that both records have in the ``column``."""
     return [(f"{column}.{k}.max", a[k].max, b[k].max) for k in a if k in b]
 
 

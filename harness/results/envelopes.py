@@ -53,7 +53,7 @@ def compute_envelopes(
 ) -> dict[str, Envelope]:
     """Return the envelope of each series, as ``compute_envelope`` does, by name.
 
-    Most series are finite at every time: their spans are found once.
+    The spans of the times are found once, for all series that are finite throughout; NaN marks a span without values.
     """
     begin, end, out = float(t[0]), float(t[-1]), dict[str, Envelope]()
     every = _find_first_rows(t, begin, end, spans) if len(t) else None
@@ -74,7 +74,10 @@ def compute_envelopes(
 def _find_first_rows(
     t: Float[np.ndarray, " n"], begin: float, end: float, spans: int
 ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
-    """Return the spans that have a time, and the first row of each; rows of a span are consecutive."""
+    """Return the indices of the spans that contain a time, and the first row of each.
+
+    As times ascend, the rows of a span are consecutive.
+    """
     k = find_spans(t, begin, end, spans)
     first = np.flatnonzero(np.diff(k, prepend=-1))
     return k[first], first
@@ -87,16 +90,16 @@ def find_spans(t: Float[np.ndarray, " n"], begin: float, end: float, spans: int)
 
 
 def _find_base(least: float, largest: float) -> float:
-    """Return the number that codes are relative to: the middle of values that are close together, else 0.
+    """Return the base of an envelope's codes: the middle of values from ``least`` to ``largest``, or 0.
 
-    They are close if their range is less than the magnitude of the middle; differences from it are then exact.
+    The middle is taken if the range is less than its magnitude: differences from it are then exact.
     """
     middle = 0.5 * least + 0.5 * largest
     return middle if largest - least < abs(middle) else 0.0
 
 
 def _encode(a: np.ndarray, *, up: bool) -> Int[np.ndarray, " n"]:
-    """Return numbers as integer codes in the same order: the upper bits of float32, rounded up or down."""
+    """Return numbers as integer codes that sort alike: the upper bits of float32, rounded ``up`` or else down."""
     with np.errstate(over="ignore", under="ignore"):
         near = a.astype(np.float32)
         beyond = np.where(np.isnan(a), False, near.astype(float) < a if up else near.astype(float) > a)

@@ -46,8 +46,8 @@ def read_commit() -> str:
 def describe_environment(folder: str, suite: str, jobs: int, plugins: Iterable[str], code: str) -> dict[str, Any]:
     """Return the content of ``environment.json``, the stamp of a results folder: code, packages, machine, threads.
 
-    ``folder`` is the folder's name, ``jobs`` the number of runs in parallel, ``code`` the digest of all code that
-    shapes the numbers of its runs.
+    ``folder`` is the folder's name, ``suite`` that of its suite, ``jobs`` the number of runs in parallel, ``code`` the
+    digest of all code that shapes the numbers of its runs.
     """
     import psutil
 
@@ -84,9 +84,9 @@ def digest_environment(stamp: Mapping[str, Any]) -> str:
 
 
 def digest_arithmetic(stamp: Mapping[str, Any]) -> str:
-    """Return the digest of everything in a stamp that affects the last digits of numbers.
+    """Return the digest of everything in a stamp that may affect the last digits of numbers.
 
-    The processor is left out if the libraries' kernels and the compiler's target are pinned.
+    The processor is left out if the kernels of libraries and the target of the compiler are pinned.
     """
     return _digest(stamp, [key for key in PLATFORM if key != "cpu" or not stamp.get("pinned")])
 
@@ -97,7 +97,7 @@ def _digest(stamp: Mapping[str, Any], keys: Iterable[str]) -> str:
 
 
 def format_setting(value: Any) -> str:
-    """Return a value of a stamp as text for comparison; lists, which are in the order of imports, are sorted."""
+    """Return a value of a stamp as JSON text for comparison; lists, whose order is that of imports, are sorted."""
     rows = sorted(json.dumps(x, sort_keys=True) for x in value) if isinstance(value, list) else value
     return json.dumps(rows, sort_keys=True)
 
@@ -156,7 +156,11 @@ def _find_version(name: str) -> str:
 
 
 def _list_blas() -> list[dict[str, Any]]:
-    """Return the linear algebra libraries of NumPy, SciPy and, if installed, SUNDIALS, but of no other package."""
+    """Return the facts of threadpoolctl about the linear algebra libraries of NumPy, SciPy and SUNDIALS.
+
+    Those of other packages are left out; libraries of the system, which lie outside the packages, are included. All are
+    loaded by this call.
+    """
     import numpy
     import scipy.linalg  # noqa: F401  its BLAS is listed once loaded
     from threadpoolctl import threadpool_info, threadpool_limits

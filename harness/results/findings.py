@@ -97,8 +97,9 @@ def judge_value(
 ) -> Finding:
     """Return the finding on a value that must lie from ``least`` to ``most``; NaN lies outside.
 
-    ``words`` describe the value, ``count`` is how much was measured. With ``good=False`` it fails for another reason;
-    ``tested=False`` leaves the verdict open, as does a ``count`` of 0. ``remedy`` and ``cause`` are shown if it fails.
+    ``words`` describe the value, ``count`` is the number of values measured. With ``good=False`` the finding fails
+    whatever the value; ``tested=False`` leaves the verdict open, as does a ``count`` of 0. ``remedy`` and ``cause`` are
+    shown if it fails.
     """
     verdict = Verdict.from_outcome(good and least <= value <= most if tested and count else None)
     return Finding(quantity, value, unit, words, count, least, most, verdict=verdict, remedy=remedy, cause=cause)
@@ -120,10 +121,10 @@ def leave_undetermined(quantity: str, why: str, required: str = "") -> Finding:
 
 
 def count_holding(quantity: str, held: int, judged: int, words: str, required: str) -> Finding:
-    """Return the finding that ``held`` of the ``judged`` checks hold; ``words`` are on those left out, or empty.
+    """Return the finding that ``held`` of the ``judged`` checks hold; ``words`` describe those left out, if any.
 
-    It is met if all hold, else open, since a check that fails has a finding of its own; without any, it is not
-    determined.
+    It is met if all hold, else open, since a check that fails has a finding of its own. If no check was judged, the
+    finding is "not determined", with ``words`` as the reason.
     """
     if not judged:
         return leave_undetermined(quantity, words, required)

@@ -32,9 +32,9 @@ def read_folder(folder: Path) -> list[Row]:
 
 
 def merge_rows(of_folders: Iterable[Iterable[Row]], of_files: Iterable[Iterable[Row]]) -> tuple[Row, ...]:
-    """Return the rows of results folders and of files together, the oldest first, with ratios of CPU times.
+    """Return the rows of all results folders and all files in one sequence, the oldest first, with CPU time ratios.
 
-    A row of a file replaces that of a folder for the same run, since the gate has judged it.
+    If a folder and a file have a row for the same run, that of the file is taken, since the gate has judged it.
     """
     found: dict[tuple[str, str], Row] = {}
     # files last, since their rows are judged
@@ -48,7 +48,8 @@ def make_rows(
 ) -> list[Row]:
     """Return a row for each record of the results folder named ``results``.
 
-    ``stamp`` is the folder's ``environment.json``, ``gate`` the state of each case that the gate judged.
+    ``stamp`` is the folder's ``environment.json``; ``gate`` maps the cases that the gate judged to their states. Ratios
+    of CPU times are left NaN.
     """
     out = []
     for r in records:
@@ -87,7 +88,10 @@ def _parse_row(line: str, where: str) -> Row:
 
 
 def _add_ratios(rows: Iterable[Row]) -> tuple[Row, ...]:
-    """Return rows with ``cpu_ratio``: CPU time over that of the oldest success of the run on the same processor."""
+    """Return the rows, which are sorted by time, with ``cpu_ratio`` filled in for successes.
+
+    It is the CPU time over that of the oldest success of the same run on the same processor.
+    """
     first: dict[tuple[str, str], float] = {}
     out = []
     for row in rows:

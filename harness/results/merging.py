@@ -31,11 +31,12 @@ class MergeOutcome:
 
 
 def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
-    """Copy the records of the folders ``sources`` that ``out`` does not have yet, each after its files.
+    """Copy the records of the folders ``sources`` that ``out`` does not have yet, each after its series and stderr.
 
-    Records that both have but with other numbers are reported as conflicts; the first is kept. Damaged files are
-    reported; one of ``out`` that is written anew is moved to its ``set_aside/`` first. Raise FileError where ``out`` is
-    one of the sources.
+    Stamps, suites and column digests are copied too, and the table of ``out`` is written anew. A record that both have
+    but with other numbers is reported as a conflict; that of ``out``, or of the earlier source, is kept. Damaged files
+    are reported; one of ``out`` that is written anew is moved to its ``set_aside/`` first. Raise FileError where
+    ``out`` is one of the sources.
     """
     found = [store.load(source) for source in sources]  # before anything is written
     if any(source.resolve() == out.resolve() for source in sources):
@@ -65,23 +66,26 @@ def merge(out: Path, sources: Sequence[Path]) -> MergeOutcome:
             add_column_digests(out, *read_stored_digests(source).values())
         store.write_table(out, store.load(out, check_series=False).records)
     records = tuple(sorted(kept.values(), key=lambda r: (r.problem, r.solver, r.case)))
-    return MergeOutcome(records, added, unreadable, tuple(conflicts), find_codes(records))
+    return MergeOutcome(records, added, unreadable, tuple(conflicts), find_mixed_codes(records))
 
 
-def find_codes(records: Sequence[RunRecord]) -> tuple[str, ...]:
-    """Return the sorted code digests of all problem-solver pairs whose records have more than one.
+def find_mixed_codes(records: Sequence[RunRecord]) -> tuple[str, ...]:
+    """Return the sorted code digests of all problem-solver pairs whose records come from more than one code.
 
-    Those of the code that measured the records are added if they differ.
+    The digests of the measuring code are added if the records differ in it. Empty if nothing is mixed.
     """
     found = dict[tuple[str, str], set[str]]()
     for r in records:
         found.setdefault((r.problem, r.solver), set()).add(r.code)
-    found["", ""] = {r.measured_by for r in records}
+    found["", ""] = {r.measured_by for r in records}  # a key that no problem-solver pair has
     return tuple(sorted(set().union(*(codes for codes in found.values() if len(codes) > 1)) - {""}))
 
 
 def _copy_environment(source: Path, out: Path) -> None:
-    """Copy stamp and suite of ``source`` to ``out`` unless it has them; copy a different stamp under another name."""
+    """Copy stamp and suite of ``source`` to ``out`` unless it has them, and the further stamps that it lacks.
+
+    A stamp other than that of ``out`` is copied as well, under the name of the source folder.
+    """
     for name in ("environment.json", "suite.toml"):
         if not (ConfinedPath(out) / name).is_there():
             _copy(source, name, out)

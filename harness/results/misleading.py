@@ -26,12 +26,15 @@ STATE_LAWS = frozenset(
 
 
 def is_compared_to_end(r: RunRecord) -> bool:
-    """Return whether errors are judged until the end of the run, but for the last hundredths of the time."""
+    """Return whether errors are judged for at least the fraction ``TO_THE_END`` of the run's time."""
     return r.judged_to_s >= TO_THE_END * r.t_end_s
 
 
 def agrees_with_reference(r: RunRecord) -> bool:
-    """Return whether the motion was compared to its end, with right poses, velocities and, if known, reactions."""
+    """Return whether the motion was compared to its end and is right: all its relative errors are at most ``RIGHT``.
+
+    They are those of poses and velocities and, where the exact ones are known, of joint forces and moments.
+    """
     pairs = [(r.motion_error_judged_m, r.length_scale_m), (r.rate_error_judged_m_per_s, r.speed_scale_m_per_s)]
     for error, size in ((r.reaction_error_max_N, r.reaction_size_N), (r.moment_error_max_Nm, r.moment_size_Nm)):
         if not math.isnan(error):
@@ -47,8 +50,8 @@ def breaks_state_law(because: Collection[Reason]) -> bool:
 def is_misleading(r: RunRecord, because: Collection[Reason]) -> bool:
     """Return whether the run is a false success for the reasons ``because``: it claims success and its motion misleads.
 
-    A broken law of states always counts. All others judge derivatives of what was recorded, or compare it: where the
-    motion is right by comparison, they mislead nobody. Whether a symmetry misleads is weighed where it is checked.
+    A broken law of states always counts. All other laws count only unless the motion agrees with the reference, since
+    they judge derivatives of what was recorded. Whether a broken symmetry misleads is decided where it is checked.
     """
     return r.claimed == Status.SUCCESS and (
         breaks_state_law(because) or (len(because) > 0 and not agrees_with_reference(r))

@@ -23,7 +23,8 @@ PACKED, ENVELOPE = "packed_", "env_"  # prefixes of members
 def pack(arrays: Mapping[str, np.ndarray], envelopes: Mapping[str, Envelope], length: float) -> Arrays:
     """Return the members of a brief series file with these arrays and envelopes.
 
-    Poses are rounded to what a picture shows, by a grid relative to ``length``, the length of the motion [m].
+    Poses that are only drawn are rounded to a grid relative to ``length``, the length of the motion [m]. Times are left
+    out where ``unpack`` finds the same bits: as sums of the steps, or as rows of a grid of times.
     """
     out, t = dict(arrays), arrays["t"]
     if np.array_equal(_sum_steps(out["t"][:1], out["dt"]), out["t"]):
@@ -32,6 +33,7 @@ def pack(arrays: Mapping[str, np.ndarray], envelopes: Mapping[str, Envelope], le
         if f"{kind}_r" in out:
             out |= _pack_poses(kind, out.pop(f"{kind}_r"), out.pop(f"{kind}_q"), length)
             times = out[f"{kind}_t"]
+            # times of frames are among those of the steps, times of the exact motion are equidistant
             grid = t if kind == "frame" else np.linspace(times[0], times[-1], FINE)
             rows = np.minimum(np.searchsorted(grid, times), len(grid) - 1)
             if np.array_equal(grid[rows], times):
@@ -47,9 +49,9 @@ def pack(arrays: Mapping[str, np.ndarray], envelopes: Mapping[str, Envelope], le
 
 
 def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelope]]:
-    """Return the arrays and envelopes in the members of a brief series file; raise ValueError if they are inconsistent.
+    """Return the arrays and envelopes in the members of a brief series file, which ``pack`` made.
 
-    Members with poses may be missing, if they were not read.
+    Members with poses may be missing, if they were not read. Raise ValueError if members are inconsistent.
     """
     out = {k: a for k, a in members.items() if not k.startswith((PACKED, ENVELOPE)) and k != "env"}
     if "t" in out and "dt" in out and len(out["t"]) == 1:
@@ -77,7 +79,10 @@ def unpack(members: Mapping[str, np.ndarray]) -> tuple[Arrays, dict[str, Envelop
 
 
 def _unpack_codes(packed: np.ndarray) -> Int[np.ndarray, "2 spans"]:
-    """Return the codes of an envelope's lower and upper bounds from their packed differences."""
+    """Return the codes of an envelope's lower and upper bounds; raise ValueError for an odd number of values.
+
+    Packed are the differences of successive lower bounds, then those of the upper from the lower bounds.
+    """
     values = _join_bytes(packed)
     if len(values) % 2:
         raise ValueError(f"an envelope must hold an even number of values (got {len(values)})")
@@ -87,15 +92,18 @@ def _unpack_codes(packed: np.ndarray) -> Int[np.ndarray, "2 spans"]:
 
 
 def _sum_steps(start: np.ndarray, dt: np.ndarray) -> np.ndarray:
-    """Return the times [s] of accepted steps: the start, to which the steps ``dt`` after the first are added."""
+    """Return the times [s] of accepted steps: ``start``, of shape (1,), and its sums with the steps ``dt`` [s].
+
+    The first of ``dt`` belongs to the start and does not count.
+    """
     return np.cumsum(np.concatenate((start, dt[1:])))
 
 
 def _pack_poses(kind: str, r: np.ndarray, q: np.ndarray, length: float) -> Arrays:
-    """Return the members that hold the positions ``r`` [m] and quaternions ``q`` of one kind of pose.
+    """Return the members that hold the positions ``r`` (n, nb, 3) [m] and quaternions ``q`` (n, nb, 4) of a ``kind``.
 
-    Positions that are too far or not finite are kept as they are, and NaN in ``q`` becomes 0. ``length`` [m] is that of
-    the motion.
+    Positions are kept unrounded if any is too far or not finite, and NaN in ``q`` becomes 0. ``length`` is the length
+    of the motion [m].
     """
     step = GRID * (length if length > 0.0 else 1.0)
     steps = np.rint(r.astype(float) / step)
@@ -107,13 +115,19 @@ def _pack_poses(kind: str, r: np.ndarray, q: np.ndarray, length: float) -> Array
 
 
 def _continue_signs(q: np.ndarray) -> np.ndarray:
-    """Return quaternions with the sign of each that is nearer to the one before; both signs are the same rotation."""
+    """Return quaternions (n, nb, 4), each with the sign that brings it nearer to the one before.
+
+    Both signs are the same rotation; without jumps the differences are small.
+    """
     signs = np.where(np.sum(q[1:] * q[:-1], axis=-1) < 0.0, -1.0, 1.0)
     return np.concatenate((q[:1], q[1:] * np.cumprod(signs, axis=0)[..., None]))
 
 
 def _unpack_poses(kind: str, members: Mapping[str, np.ndarray]) -> Arrays:
-    """Return positions [m] and unit quaternions of one kind of pose; a zero quaternion becomes NaN, as it was."""
+    """Return positions [m] and unit quaternions of a ``kind`` of pose in float32, by the names of their arrays.
+
+    A zero quaternion becomes NaN, as it was before it was packed. Positions that were not packed are left out.
+    """
     n, nb = map(int, members[f"{PACKED}{kind}_shape"])
     turned = _unpack_rows(members[f"{PACKED}{kind}_q"], (n, nb, 4)) / TURNS
     size = np.linalg.norm(turned, axis=2, keepdims=True)
@@ -126,14 +140,17 @@ def _unpack_poses(kind: str, members: Mapping[str, np.ndarray]) -> Arrays:
 
 
 def _pack_rows(a: Int[np.ndarray, "n ..."]) -> np.ndarray:
-    """Return second differences along the first axis, column by column, as byte planes; small for a smooth motion."""
+    """Return the second differences of ``a`` along its first axis, column by column, as byte planes.
+
+    They are small for a smooth motion, so that most bytes are zero.
+    """
     flat = a.reshape(len(a), -1)
     zeros = np.zeros_like(flat[:1])
     return _split_bytes(np.diff(np.concatenate((zeros, zeros, flat)), n=2, axis=0).T.ravel())
 
 
 def _unpack_rows(packed: np.ndarray, shape: tuple[int, ...]) -> Int[np.ndarray, "n ..."]:
-    """Return numbers of this shape from second differences that ``_pack_rows`` packed; raise ValueError if wrong."""
+    """Return the integers that ``_pack_rows`` packed, in this ``shape``; raise ValueError if their number differs."""
     values = _join_bytes(packed)
     if min(shape) < 1 or len(values) != np.prod(shape):
         raise ValueError(f"poses of shape {shape} cannot be unpacked from {len(values)} numbers")

@@ -29,7 +29,7 @@ WORDS = {  # compared keys of a stamp, in words
 
 
 def read_environment(folder: Path, name: str = "environment.json") -> dict[str, Any]:
-    """Return a stamp of a results folder; empty if it cannot be read; raise UnsafeFile for a link."""
+    """Return the stamp ``name`` of a results folder; empty if it is missing or invalid; raise UnsafeFile for a link."""
     path = ConfinedPath(folder) / name
     try:
         plain = parse_json(read_text(path, "environment"), str(path))
@@ -39,9 +39,9 @@ def read_environment(folder: Path, name: str = "environment.json") -> dict[str, 
 
 
 def find_differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Finding]:
-    """Return a finding on each input in which two stamps differ: its words are those after, required those before.
+    """Return a finding on each input in which two stamps differ: required is the value before, words are that after.
 
-    If a whole stamp is missing, that is the only difference. The reason names files that changed, if the code differs.
+    If a whole stamp is missing, that is the only finding. If the code differs, ``why`` names files that changed.
     """
     if not (before and after):
         there = ["there" if s else "missing" for s in (before, after)]
@@ -61,12 +61,15 @@ def find_differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> lis
 
 
 def is_same_platform(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
-    """Return whether runs of equal code must agree bit for bit, by their stamps; False if the first one is empty."""
+    """Return whether, by two stamps, runs of equal code must agree bit for bit; False if ``before`` is empty."""
     return bool(before) and environment.digest_arithmetic(before) == environment.digest_arithmetic(after)
 
 
 def describe_processor(stamp: Mapping[str, Any]) -> str:
-    """Return the processor in a stamp, with its linear algebra kernels if these are not pinned."""
+    """Return the processor in a stamp as text, with the kernels of linear algebra in brackets if these are not pinned.
+
+    Empty if the stamp does not name it.
+    """
     blas = stamp.get("blas") if isinstance(stamp.get("blas"), list) else []
     assert isinstance(blas, list)
     kernels = sorted({str(b["architecture"]) for b in blas if isinstance(b, dict) and b.get("architecture")})
@@ -83,7 +86,10 @@ def describe_differences(found: Sequence[Finding]) -> str:
 
 
 def _list_changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
-    """Name up to five files that differ between the commits of two stamps, and note uncommitted changes."""
+    """Return the names of up to five files that differ between the commits of two stamps; note uncommitted changes.
+
+    Empty if nothing differs.
+    """
     commits = [str(s.get("commit", "")) for s in (before, after)]
     note = "uncommitted changes" if before.get("dirty") or after.get("dirty") else ""
     if not all(commits) or commits[0] == commits[1]:

@@ -26,7 +26,10 @@ def is_provisional(record: RunRecord) -> bool:
 
 
 def select_latest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
-    """Return the latest record of each run; if one succeeded, records of runs cut short or crashed do not count."""
+    """Return the latest record of each run, runs being distinguished by ``settings_id``.
+
+    If a run has succeeded, its provisional records and its crashes do not count.
+    """
     found: dict[str, list[RunRecord]] = {}
     for r in sorted(records, key=lambda r: (make_end_key(r), r.run_id)):
         found.setdefault(r.settings_id, []).append(r)
@@ -34,16 +37,19 @@ def select_latest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
 
 
 def _pick_latest(same: list[RunRecord]) -> RunRecord:
-    """Return the latest of the records of one run, which are sorted by their ends; a crash does not hide a success."""
+    """Return the latest of the records of one run, which are sorted by their ends.
+
+    If one of them is a success, the latest that is neither provisional nor a crash.
+    """
     whole = [r for r in same if not (is_provisional(r) or r.status == Status.CRASHED)]
     succeeded = any(r.status == Status.SUCCESS for r in whole)
     return (whole if succeeded else same)[-1]
 
 
 def list_record_files(folder: Path, record: RunRecord, why: str = "") -> dict[Path, str]:
-    """Return the files of a record that are to be set aside, the record first, each with the reason.
+    """Return the existing files of a run, the record first, each with the reason ``why`` it is to be set aside.
 
-    ``why`` is the reason; by default, that the run was cut short and is repeated.
+    By default the reason is that the run was cut short and is repeated.
     """
     why = why or f"the run was cut short ({record.ended_by}) and is repeated"
     names = (f"runs/{record.run_id}.json", record.series, record.stderr)

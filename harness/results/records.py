@@ -113,7 +113,10 @@ JSON_COLUMNS: Mapping[str, Any] = {  # type of the content of each column that i
 
 
 def parse_settings(text: str) -> Mapping[str, Any]:
-    """Return parameters or options by name from the text of their column; thousands of runs share a text."""
+    """Return parameters or options by name from the JSON text of their column; parsed texts are cached.
+
+    Raise FileError if the text is no JSON object.
+    """
     return _parse_object(text, "settings")
 
 
@@ -141,7 +144,10 @@ def format_record(record: RunRecord) -> str:
 
 
 def parse_record_json(text: str) -> RunRecord:
-    """Return the record in ``text``; raise FileError if it is not JSON, foreign, of another schema, or ill-typed."""
+    """Return the record in the JSON ``text``, with all its columns validated, also the content of those that are JSON.
+
+    Raise FileError if it is not the record of a run, has another schema, or a column is missing or invalid.
+    """
     plain = files.parse_json(text, "record")
     if not isinstance(plain, dict) or "schema" not in plain or "run_id" not in plain:
         raise FileError("not a record of a run")

@@ -13,10 +13,10 @@ REFEREED = "refereed"  # suite of runs whose motion came from a file
 
 
 def write_command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:
-    """Return ``mbsbench solve ...`` with everything that shapes the motion, and the limit on time, each word quoted.
+    """Return the shell command ``mbsbench solve ...`` with everything that shapes the motion, and the limit on time.
 
-    ``plugins`` are those of the run's ``environment.json``; the NPZ file is ``out``, or named after the run_id. For a
-    motion that came from a file it is ``mbsbench referee ...``.
+    ``plugins`` are those in the run's ``environment.json``; ``out`` is the NPZ file, by default named after the run_id.
+    For a motion that came from a file the command is ``mbsbench referee ...``.
     """
     if record.suite == REFEREED:
         t_end = ["--t-end", format_exactly(record.t_end_s)]
@@ -33,9 +33,10 @@ def write_command(record: RunRecord, plugins: Sequence[str] = (), out: str = "")
 
 
 def list_control(record: RunRecord) -> dict[str, Any]:
-    """Return the step or tolerance and the limits of a run, by name, as ``solve`` takes them by ``--set``.
+    """Return the step or tolerance and the limits of a run, by the names under which ``solve --set`` takes them.
 
-    Those that the run does not have, and a default ``max_steps``, are left out.
+    Those that the run does not have, and a default ``max_steps``, are left out. Older records have no limit on CPU
+    time: their limit on wall time is taken for it.
     """
     r = record
     max_steps = math.nan if r.max_steps in (0, StepControl.max_steps) else r.max_steps

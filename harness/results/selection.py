@@ -37,17 +37,17 @@ STATE = ("r", "R", "v", "Omega")
 def select_states(series: Series) -> tuple[Bool[np.ndarray, " ns"], Bool[np.ndarray, " nk"], bool]:
     """Return masks of the computed and of the exact states that a bundle holds, and whether it can judge between steps.
 
-    States are taken in the order of the maxima that judge the run (``DECIDING``), then its first and last, as long as
-    they fit into ``ROOM``. An error needs both the computed and the exact state; one between two steps needs the
-    computed states of both steps, and the last value is True if they fit. The few exact states that set scales are
-    always included. In a brief file the selection is stored.
+    A state is taken at each maximum that judges the run, in the order of ``DECIDING``, then at the start and the end;
+    one that no longer fits into ``ROOM`` is left out. An error needs both the computed and the exact state; one between
+    two steps needs the computed states of both steps, and the last value is True if they fit. The few exact states that
+    set scales are always included. In a brief file the selection is stored.
     """
     if BUNDLED[0] in series:
         states, samples, around = (series[name] for name in BUNDLED)
         return states, samples, bool(around[0])
-    t, sizes, room = series["state_t"], _sizes(series, "state"), ROOM
+    t, sizes, room = series["state_t"], _measure_sizes(series, "state"), ROOM
     exact_t, exact_sizes = (
-        (series["sample_t"], _sizes(series, "sample")) if "sample_t" in series else (t[:0], sizes[:0])
+        (series["sample_t"], _measure_sizes(series, "sample")) if "sample_t" in series else (t[:0], sizes[:0])
     )
     exact = np.isin(exact_t, [at for name, at in series.peaks.items() if name.startswith("scale ")])
     chosen, between = np.zeros(len(t), dtype=bool), False
@@ -56,7 +56,7 @@ def select_states(series: Series) -> tuple[Bool[np.ndarray, " ns"], Bool[np.ndar
         *(("end", at) for at in (*t[:1], *t[-1:])),
     ):
         here, there = t == at, (exact_t == at) & ~exact & (name in (*ERRORS, *LOADS, BETWEEN))
-        if name == BETWEEN:
+        if name == BETWEEN:  # both steps around this time
             k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
             here = np.isin(np.arange(len(t)), (k, k + 1))
         here &= ~chosen
@@ -70,10 +70,10 @@ def select_states(series: Series) -> tuple[Bool[np.ndarray, " ns"], Bool[np.ndar
 
 
 def leave_out_states(arrays: Mapping[str, np.ndarray], peaks: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """Return the arrays of a brief file, with the selection and only those states that are needed.
+    """Return the arrays of a brief file: of all computed and exact states only those that are needed later.
 
-    These are the states that a bundle holds, or by which reactions are judged. ``peaks`` are the times of the maxima
-    [s], by column of the record.
+    These are the states that a bundle holds (``select_states``, whose masks are stored as ``BUNDLED``), and those by
+    which reactions are judged. ``peaks`` are the times of the maxima [s], by column of the record.
     """
     chosen, exact, between = select_states(Series(arrays, (), (), (), {}, {}, peaks))
     at = arrays["state_t"]
@@ -83,7 +83,10 @@ def leave_out_states(arrays: Mapping[str, np.ndarray], peaks: Mapping[str, float
     return {**arrays, **rows, **chosen_of}
 
 
-def _sizes(series: Series, kind: str) -> Int[np.ndarray, " n"]:
-    """Return the bytes of each state of a ``kind``, ``state`` or ``sample``; numbers that are zero do not count."""
+def _measure_sizes(series: Series, kind: str) -> Int[np.ndarray, " n"]:
+    """Return the size [bytes] of each computed (``kind`` is ``state``) or exact (``sample``) state.
+
+    Zeros do not count, since they take no room in a bundle.
+    """
     found = (np.count_nonzero(series[f"{kind}_{name}"].reshape(len(series[f"{kind}_t"]), -1), axis=1) for name in STATE)
     return 8 * np.sum(list(found), axis=0)

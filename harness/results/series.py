@@ -96,11 +96,14 @@ class Series:
         return self.arrays.get(name)
 
     def points(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return times [s] and values to draw: every row or, for an envelope, the bounds of each span."""
+        """Return times [s] and values to draw: every row or, for an envelope, both bounds of each span at one time."""
         return self.envelopes[name].points if name in self.envelopes else (self.arrays["t"], self._rows(name))
 
     def tail(self, name: str, rows: int) -> np.ndarray:
-        """Return the last ``rows`` values of a series; fewer if fewer are stored, as in a file with envelopes."""
+        """Return the last ``rows`` values of a series, or as many as are stored.
+
+        An envelope has the last values beside it only if its run failed; otherwise none are returned.
+        """
         kept = self.arrays.get(LAST + name, np.zeros(0)) if name in self.envelopes else self._rows(name)
         return kept[-rows:]
 
@@ -109,7 +112,7 @@ class Series:
         return [k[len(prefix) :] for k in (*self.arrays, *self.envelopes) if k.startswith(prefix)]
 
     def select(self, prefix: str) -> dict[str, np.ndarray]:
-        """Return the series at their rows whose names begin with ``prefix``, such as ``obs_``, by name without it."""
+        """Return the series whose names begin with ``prefix``, such as ``obs_``, by name without it; no envelopes."""
         return {k[len(prefix) :]: a for k, a in self.arrays.items() if k.startswith(prefix)}
 
 
@@ -130,7 +133,7 @@ class SeriesHeader(Shape, frozen=True):
 
 
 def write_series(path: Path | ConfinedPath, series: Series) -> str:
-    """Write a series file atomically; return its sha256."""
+    """Write a series file atomically, packed if the series is brief; return the sha256 of the file."""
     events = tuple(map(dict, series.events))
     names = (series.body_names, series.joint_names, dict(series.units), dict(series.symbols))
     about = (dict(series.peaks), series.reference, series.steps_sha256)
@@ -155,13 +158,16 @@ def read_series(path: Path | ConfinedPath, sha256: str = "", *, poses: bool = Tr
     return Series(arrays, head.events, *names, head.peaks, head.reference, envelopes, head.steps_sha256, length)
 
 
-def name_file(run_id: str, *, brief: bool) -> str:
-    """Return the path of a run's series in a results folder."""
+def name_series_file(run_id: str, *, brief: bool) -> str:
+    """Return the path of a run's series file, relative to its results folder; that of a brief file ends in ``.xz``."""
     return f"series/{run_id}.npz{'.xz' if brief else ''}"
 
 
 def check_series(path: Path | ConfinedPath, sha256: str) -> None:
-    """Raise FileError unless a series file has this digest or, if that is empty, is complete and of a known schema."""
+    """Raise FileError unless a series file has the digest ``sha256``.
+
+    If that is empty, the file must be complete and of a known schema instead.
+    """
     if sha256:
         _read_content(path, sha256)
     else:
@@ -180,15 +186,15 @@ def _read_content(path: Path | ConfinedPath, sha256: str) -> bytes:
 
 
 def _read(
-    path: Path | ConfinedPath, sha256: str, wanted: Callable[[str], bool]
+    path: Path | ConfinedPath, sha256: str, is_wanted: Callable[[str], bool]
 ) -> tuple[SeriesHeader, dict[str, np.ndarray], dict[str, Envelope]]:
-    """Return the header of the file, the arrays whose names are ``wanted``, and the envelopes.
+    """Return the header of the file, the arrays for whose names ``is_wanted`` returns True, and the envelopes.
 
-    Raise FileError if it is invalid.
+    Raise FileError if the file is invalid, or does not have the digest ``sha256`` unless that is empty.
     """
     content = _read_content(path, sha256)
     try:
-        arrays = read_npz(content, LARGEST, wanted)
+        arrays = read_npz(content, LARGEST, is_wanted)
         head = convert_shape(parse_json(str(arrays.pop("meta", "")), "meta"), SeriesHeader, "meta")
         arrays, envelopes = unpack(arrays) if head.schema == BRIEF else (arrays, {})
         _check_lengths(arrays)
@@ -203,7 +209,7 @@ def _read(
 def _check_content(arrays: Mapping[str, np.ndarray], names: Collection[str]) -> None:
     """Raise ValueError unless times do not decrease, values are numbers, and groups of series are complete.
 
-    ``names`` are those of all series in the file, envelopes included.
+    ``names`` are the names of all series in the file, envelopes included, by which groups (``TOGETHER``) are checked.
     """
     for name, a in arrays.items():
         if a.dtype.kind not in "biuf" and not name.startswith(OTHER):
@@ -218,7 +224,10 @@ def _check_content(arrays: Mapping[str, np.ndarray], names: Collection[str]) -> 
 
 
 def _check_lengths(arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise ValueError unless every series has as many values as the array of its times."""
+    """Raise ValueError unless every array has one row for each of its times; series along ``t`` must be flat.
+
+    Arrays that are not along time (``OTHER``) are not checked.
+    """
     for name, a in arrays.items():
         lead = next((f"{kind}_t" for kind in POSES if name.startswith(f"{kind}_")), "t")
         if name.startswith(OTHER):

@@ -46,7 +46,7 @@ class NearestMotion:
 
 
 def read_nearest(folder: Path) -> dict[str, NearestMotion]:
-    """Return the nearest true motions of a folder's runs by run_id, and the published ones by case.
+    """Return the nearest true motions of a folder's runs by run_id, and the published ones of the chain by case.
 
     Raise FileError if a file is invalid; a missing one counts as empty.
     """
@@ -60,15 +60,15 @@ def choose_nearest(record: RunRecord, known: dict[str, NearestMotion]) -> Neares
     return known.get(record.run_id) or known.get(record.case)
 
 
-def keep_nearest(folder: Path, record: RunRecord, nearest: NearestMotion) -> None:
-    """Store the nearest true motion of a run in the file of the results folder that has those of all its runs."""
+def store_nearest(folder: Path, record: RunRecord, nearest: NearestMotion) -> None:
+    """Add the nearest true motion of a run to ``shadows.json`` of its results folder; replace an earlier one."""
     place = ConfinedPath(folder) / FILE
     rows = _read(place, dict[str, NearestMotion]) | {record.run_id: nearest}
     place.write(json.dumps({k: asdict(v) for k, v in sorted(rows.items())}, indent=1) + "\n")
 
 
 def _parse_row(row: dict[str, Any]) -> NearestMotion:
-    """Return the nearest motion in a row of the published file."""
+    """Return the nearest motion in a row of the published file, parsed from JSON."""
     shadow = row["shadow"]
     return NearestMotion(
         shadow.get("until_s"), shadow.get("largest_m"), shadow.get("rms_m"), row["modified_energy"], True

@@ -22,9 +22,9 @@ LARGEST = 2**22  # [bytes] of a stamp or a suite: what is read is held in memory
 
 
 def seal_stamp(stamp: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, Any]:
-    """Return the stamp with its own digest and with digests of the suite files beside it.
+    """Return the stamp with the digests of the suite files beside it, and with its own digest, which covers these.
 
-    ``texts`` are the contents of these files by name.
+    ``texts`` are the contents of the suite files by name.
     """
     whole = {**stamp, FILES: {name: _digest(text.encode()) for name, text in texts.items()}}
     return {**whole, SEAL: _digest_stamp(whole)}
@@ -58,9 +58,12 @@ def find_changed(folder: Path) -> Iterator[tuple[Path, str]]:
             yield beside.path, f"not as {NAME} says: it was changed after it was run"
 
 
-def is_intact(folder: Path, promised: RunRecord, found: RunRecord | None) -> bool:
-    """Return whether ``found``, a run's record on disk, is the one written, ``promised``, and has its series file."""
-    return found is not None and format_record(found) == format_record(promised) and has_intact_series(folder, found)
+def is_intact(folder: Path, expected: RunRecord, found: RunRecord | None) -> bool:
+    """Return whether ``found``, a run's record as read from disk, equals ``expected``, the one that was written.
+
+    Its series file, if it has one, must be unchanged too; False for a missing record (None).
+    """
+    return found is not None and format_record(found) == format_record(expected) and has_intact_series(folder, found)
 
 
 def has_intact_series(folder: Path, record: RunRecord) -> bool:

@@ -73,9 +73,9 @@ def is_results(folder: Path) -> bool:
 
 
 def find_older_schema(folder: Path) -> int:
-    """Return the schema of the results in ``folder`` if an older version wrote them, else 0.
+    """Return the schema of the results in ``folder`` if an older version wrote them; else, or without results, 0.
 
-    Runs of schema 1 were called cells.
+    The first record decides. Results of schema 1 are in a folder ``cells``.
     """
     runs = ConfinedPath(folder) / "runs"
     if not runs.is_folder():
@@ -87,7 +87,7 @@ def find_older_schema(folder: Path) -> int:
 
 
 def refuse_older(folder: Path) -> None:
-    """Raise FileError if an older version wrote the results; its message has the command that makes them anew."""
+    """Raise FileError if an older version wrote the results in ``folder``; the message says how to make them anew."""
     if schema := find_older_schema(folder):
         suite = ConfinedPath(folder) / "suite.toml"
         again = f"run the suite again: mbsbench run {suite}" if suite.is_own_file() else "run its suite again"
@@ -106,7 +106,7 @@ def refuse_links(folder: Path) -> None:
 def create_folder(folder: Path) -> Path:
     """Create the results folder and its parts, and return it; an existing folder is kept.
 
-    Raise FileError if it cannot be written to or holds results of an older version.
+    Raise FileError if it cannot be written to or holds results of an older version, UnsafeFile if a part is a link.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -142,9 +142,10 @@ def lock_folder(folder: Path) -> BinaryIO:
 
 @contextlib.contextmanager
 def hold_folder(folder: Path, *, alone: bool = False) -> Iterator[None]:
-    """Lock the folder, shared while a command reads it or adds to it, or exclusively (``alone``) to remove it.
+    """Hold a lock on the folder within a ``with`` block: shared to read it or add to it, exclusive to remove it.
 
-    Raise OSError if an exclusive lock is impossible. Without a shared lock the block is executed all the same.
+    ``alone`` asks for the exclusive lock; raise OSError if another command holds the folder. If a shared lock is
+    impossible, the block is executed without it.
     """
     with contextlib.ExitStack() as held:
         with contextlib.nullcontext() if alone else contextlib.suppress(OSError):
@@ -173,8 +174,8 @@ def write_record(folder: Path, record: RunRecord) -> Path:
     return place.path
 
 
-def read_digest(record: RunRecord) -> str:
-    """Return the digest that the file of this record contains, computed from the record."""
+def digest_record(record: RunRecord) -> str:
+    """Return the sha256 of a record's JSON text, which the file of the record contains too."""
     return _digest(format_record(record))
 
 
@@ -188,7 +189,11 @@ def read_record(path: Path | ConfinedPath) -> RunRecord:
 
 
 def parse_record(name: str, text: bytes) -> RunRecord:
-    """Return the record in ``text``, the content of the file ``name``; raise FileError if it is invalid."""
+    """Return the record in ``text``, the content of the file ``name``.
+
+    Raise FileError if it is invalid, does not have its digest, has another run_id than the file's name, or names files
+    outside the results folder.
+    """
     outer = convert_shape(files.parse_json(text, "record file"), RecordFile, "record file")
     if _digest(outer.record) != outer.sha256:
         raise FileError("its digest does not match: truncated or changed")
@@ -202,9 +207,9 @@ def parse_record(name: str, text: bytes) -> RunRecord:
 
 
 def list_as_started(folder: Path, run_id: str) -> None:
-    """Enter a record written by another command into the list of started runs that a killed runner left, if any.
+    """Add a run, whose record another command writes, to the list of started runs that a killed runner left, if any.
 
-    Otherwise ``--resume`` would set the record aside as foreign.
+    Otherwise ``--resume`` would set its record aside as foreign.
     """
     listed = ConfinedPath(folder) / BEGUN
     if listed.is_there():
@@ -213,7 +218,7 @@ def list_as_started(folder: Path, run_id: str) -> None:
 
 
 def read_stderr(folder: Path, record: RunRecord) -> str:
-    """Return a run's standard error as printable text, or why it cannot be read; empty if there is none."""
+    """Return a run's standard error as printable text, or in brackets why it cannot be read; empty if there is none."""
     if not record.stderr:
         return ""
     try:
@@ -224,10 +229,10 @@ def read_stderr(folder: Path, record: RunRecord) -> str:
 
 
 def load(folder: Path, *, check_series: bool = True) -> LoadedResults:
-    """Read all valid records, in order of problem, solver and case, and list invalid files; change nothing.
+    """Return all valid records of a results folder, in order of problem, solver and case, and list invalid files.
 
-    A record with a damaged series file is invalid; without ``check_series`` these files are not read. Raise FileError
-    if the folder holds no results, or those of an older version.
+    Nothing is changed. A record with a damaged series file is invalid; without ``check_series`` these files are not
+    read. Raise FileError if the folder holds no results, or those of an older version.
     """
     refuse_links(folder)
     refuse_older(folder)
@@ -256,7 +261,7 @@ def load(folder: Path, *, check_series: bool = True) -> LoadedResults:
 
 
 def select_newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
-    """Return the newest record of each run, as a resumed folder may hold records of older code."""
+    """Return the newest record of each ``settings_id``, as a resumed folder may hold records of older code."""
     found: dict[str, RunRecord] = {}
     for r in records:
         if r.settings_id not in found or make_end_key(r) > make_end_key(found[r.settings_id]):
@@ -265,7 +270,10 @@ def select_newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
 
 
 def make_end_key(record: RunRecord) -> tuple[str, bool]:
-    """Return the sort key of a run's end; of two at the same time, a success sorts first and cannot hide the other."""
+    """Return a sort key that orders records by the end of their runs.
+
+    Of two at the same time a success comes first, so that the newest one, which is kept, is the failure.
+    """
     return record.finished, record.status != Status.SUCCESS
 
 
@@ -284,7 +292,7 @@ def set_aside(folder: Path, unreadable: Mapping[Path, str]) -> None:
 
 
 def _free_name(name: str, taken: set[str]) -> str:
-    """Return ``name``, with a number appended if it is taken, and add it to ``taken``."""
+    """Return ``name``, with a number appended if it is in ``taken``, and add the returned name to ``taken``."""
     numbered = itertools.chain([name], (f"{name}.{n}" for n in itertools.count(1)))
     free = next(n for n in numbered if n not in taken)
     taken.add(free)
@@ -292,9 +300,9 @@ def _free_name(name: str, taken: set[str]) -> str:
 
 
 def read_run_series(folder: Path, record: RunRecord, *, poses: bool = True) -> Series | None:
-    """Return the series of a run, checked against its record; None for a run without one.
+    """Return the series of a run, checked against the digest in its record; None for a run without a series file.
 
-    Raise FileError if it is invalid. Without ``poses`` those are not read.
+    Without ``poses``, those of the run and of the exact motion are not read. Raise FileError if the file is invalid.
     """
     return (
         read_series(ConfinedPath(folder) / record.series, record.series_sha256, poses=poses) if record.series else None
@@ -311,7 +319,7 @@ def table(records: Iterable[RunRecord]) -> "pd.DataFrame":
 
 
 def write_table(folder: Path, records: Iterable[RunRecord]) -> Path:
-    """Write ``runs.parquet`` atomically; return its path."""
+    """Write the records as the table ``runs.parquet`` of the folder, atomically; return its path."""
     frame = table(records)
     frame.attrs["schema"] = SCHEMA
     place = ConfinedPath(folder) / "runs.parquet"
@@ -321,7 +329,7 @@ def write_table(folder: Path, records: Iterable[RunRecord]) -> Path:
 
 
 def point_latest(folder: Path) -> None:
-    """Make the link ``latest`` beside ``folder`` point to it, unless the user has a folder of that name."""
+    """Make the link ``latest`` beside ``folder`` point to it, unless a file or folder that is no link has that name."""
     link = folder.parent / "latest"
     if link.exists() and not link.is_symlink():
         return  # a user's own folder of that name is left

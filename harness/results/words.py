@@ -33,16 +33,19 @@ LAWS = {
 
 
 def list_reasons(record: RunRecord) -> list[str]:
-    """Return the reasons why a run is not a success, at least one; for a success the solver's message, if any."""
+    """Return the reasons why a run is not a success, at least one.
+
+    For a success the list has the solver's message, or is empty without one.
+    """
     found = [describe_breach(r) for r in record.reasons] or [describe_ending(record)]
     said = [w for w in found if w.strip()]
     return said or ([] if record.status == Status.SUCCESS else [f"{record.status or 'unknown'}, without a message"])
 
 
 def format_accurate_times(record: RunRecord) -> list[str]:
-    """Format the time of tracking for each level of motion error: ``2.57 s (10 %)``, ``at least 2.57 s (10 %)``.
+    """Return the times up to which the motion tracks the reference, by level of motion error: ``2.57 s (10 %)``.
 
-    It is a lower bound if the reference ends first.
+    Where the reference ends first, it is ``at least 2.57 s (10 %)``. Levels without a time are left out.
     """
     return [
         f"{'at least ' if is_lower_bound(record, time) else ''}{time:.4g} s ({100.0 * level:g} %)"
@@ -80,9 +83,9 @@ def describe_errors(record: RunRecord) -> str:
 
 
 def describe_comparison(record: RunRecord) -> str:
-    """Return how far a lawful motion was compared, ``compared to 58.8 of 2000 s``; empty if to its end.
+    """Return how far a lawful motion was compared, ``compared to 58.8 of 2000 s`` or ``compared with no exact motion``.
 
-    Empty also for a motion that is not lawful.
+    Empty if it was compared to its end, and for a motion that is not lawful.
     """
     if record.status not in (Status.SUCCESS, Status.INACCURATE):
         return ""
@@ -92,26 +95,29 @@ def describe_comparison(record: RunRecord) -> str:
 
 
 def describe_span(end: float, whole: float) -> str:
-    """Return ``compared to 58.8 of 2000 s`` if a motion of ``whole`` [s] was compared to ``end`` [s]; "" if whole."""
+    """Return ``compared to 58.8 of 2000 s`` for a motion of ``whole`` [s] compared to ``end`` [s]; "" if to its end."""
     return "" if end >= WHOLE * whole else f"compared to {end:.4g} of {whole:.4g} s"
 
 
 def describe_status(record: RunRecord) -> str:
-    """Return the status of a run with all that is said beside it, see ``qualify_status``."""
+    """Return the status of a run, followed by its qualifications (``qualify_status``)."""
     return ", ".join(filter(None, (record.status, qualify_status(record))))
 
 
 def qualify_status(record: RunRecord) -> str:
-    """Return what is said wherever a run's status is shown; empty if there is nothing.
+    """Return the qualifications that are shown beside a run's status, separated by commas; empty if there are none.
 
-    How far the motion was compared, a singular pose that it passed, and wrong reactions.
+    They are how far the motion was compared, a singular pose that it passed, and wrong reactions.
     """
     words = (describe_comparison(record), describe_passage(record), describe_reactions(record))
     return ", ".join(filter(None, words))
 
 
 def describe_passage(record: RunRecord) -> str:
-    """Return ``passes a singular pose at t = 0.73 s`` if the motion passed a pose from which several go on, or ""."""
+    """Return ``passes a singular pose at t = 0.73 s`` if a note of the run says so, or "".
+
+    More than one motion continues from such a pose.
+    """
     notes = [escape_text(n) for n in record.note_lines]
     begin, end = PASSAGE
     return next((n.split(end)[0] for n in notes if n.startswith(begin) and end in n), "")
@@ -126,7 +132,7 @@ def describe_reactions(record: RunRecord) -> str:
 def compute_reaction_error(record: RunRecord) -> float:
     """Return the larger of the relative errors of the joints' force and moment on a body; NaN if both are unknown.
 
-    Each is relative to the largest such load of the exact motion, but at least to ``ROUNDED`` of its scale.
+    Each is relative to the largest such load of the exact motion, or to ``ROUNDED`` times its scale if that is larger.
     """
     r, relative = record, []
     for error, size, scale in (
@@ -141,21 +147,25 @@ def compute_reaction_error(record: RunRecord) -> float:
 
 
 def is_lower_bound(record: RunRecord, accurate_until: float) -> bool:
-    """Return whether a tracking time is only a lower bound, because the reference ended before the motion left it.
+    """Return whether the time up to which a motion tracks the reference is only a lower bound.
 
-    ``accurate_until`` is that time [s], a column of the record.
+    It is if the motion went on after the comparison had ended and was accurate until then. ``accurate_until`` is
+    that time [s], a column of the record.
     """
     return record.t_reached_s > record.compared_to_s <= accurate_until
 
 
 def find_broken_law(reason: Reason) -> str:
-    """Return in words the quantity that exceeds its limit: ``the energy error``."""
+    """Return in words the quantity of a reason, which exceeds its limit: ``the energy error``."""
     name = escape_text(reason.name)
     return LAWS.get(reason.law) or (f"the drift of {name}" if reason.law is Law.INVARIANT else name)
 
 
 def describe_breach(reason: Reason) -> str:
-    """Format the reason, ``the energy error reaches 3 J, more than 1 J, first at 0.2 s``."""
+    """Describe the breach of a law or limit: ``the energy error reaches 3 J, more than 1 J, first at 0.2 s``.
+
+    Values that are not finite, another start and another end have sentences of their own.
+    """
     r = reason
     if r.law is Law.FINITE:
         return f"the trajectory holds values that are not finite numbers{_append_time(r, ', from t = ')}"
@@ -169,7 +179,10 @@ def describe_breach(reason: Reason) -> str:
 
 
 def describe_ending(record: RunRecord) -> str:
-    """Return the solver's own message, or what ended its process and up to which time its steps are kept."""
+    """Describe how a run ended: by the solver's own message, or by what ended its process.
+
+    For a run that was cut short, the time up to which its steps are kept is added.
+    """
     r = record
     words = {
         EndCause.WALL_LIMIT: f"not finished here: killed after {r.ended_limit_s:g} s of wall time, "

@@ -10,15 +10,15 @@ SHARE = 0.5
 
 
 def count_evaluations(r: RunRecord) -> float:
-    """Return the number of evaluations of residual or right side in a run.
+    """Return the number of evaluations of the residual or right-hand side in a run.
 
-    A solver that counts only iterations is taken to make one evaluation in each.
+    A solver that counts only Newton iterations is taken to make one evaluation in each.
     """
     return r.newton_iterations if math.isnan(r.evaluations) else r.evaluations
 
 
-def operations(r: RunRecord) -> float:
-    """Return the work of a run as evaluations plus factorisations, which count as 0 if unknown."""
+def count_operations(r: RunRecord) -> float:
+    """Return the number of evaluations and factorisations of a run together; factorisations count as 0 if unknown."""
     return count_evaluations(r) + (0.0 if math.isnan(r.factorisations) else r.factorisations)
 
 

@@ -31,7 +31,7 @@ from ..mechanics.types import EndCause
 from ..results import environment
 from ..results.records import RunRecord
 from ..results.series import LARGEST
-from ..results.store import PARTS, create_folder, parse_record, read_digest, read_record, remove_partial, write_record
+from ..results.store import PARTS, create_folder, digest_record, parse_record, read_record, remove_partial, write_record
 from .job import Job, make_cut_short_record
 from .pool import TICK, PoolError, StartFailures, TimeLimit
 from .protocol import News, RunEnded, StartOrder, StopOrder, Supervised, SupervisorLost, WarmUpOrder, WarmUpTimes
@@ -101,9 +101,10 @@ class DaskPool:
             raise PoolError(f"{foreign}; finished runs are kept, run again with --resume for the others")
 
     def _collect(self) -> None:
-        """Wait up to ``TICK`` [s] for a run to end; store and report each that has ended.
+        """Wait up to ``TICK`` [s] for a run to end; store the files of each that has ended, and call ``on_end``.
 
-        Raise PoolError if a worker cannot execute runs, for example because its code differs.
+        A run whose workers were lost gets a record that says so. Raise PoolError if a worker cannot execute runs, for
+        example because its code differs.
         """
         import distributed
 
@@ -126,15 +127,15 @@ class DaskPool:
                 if not sent.files:
                     continue
                 self._unbegun.in_a_row = 0
-                digest = _store(job, sent.files)
+                digest = _store_files(job, sent.files)
             elif isinstance(failed, distributed.KilledWorker):
-                digest = read_digest(write_lost(job))
+                digest = digest_record(write_lost_record(job))
             else:
                 raise PoolError(f"a worker cannot execute runs: {failed}")
             self.on_end(job, digest)
 
 
-def write_lost(job: Job) -> RunRecord:
+def write_lost_record(job: Job) -> RunRecord:
     """Write the record of a run whose workers were lost, and return it."""
     record = make_cut_short_record(job, EndCause.WORKERS_LOST)
     write_record(job.folder, record)
@@ -146,7 +147,7 @@ _serving: dict[str, list["_Supervisor"]] = {}  # on a worker: the supervisors th
 
 
 def stop_ticket(ticket: str) -> None:
-    """End the runs of ``ticket`` on this worker, and let no other run of it begin."""
+    """End all runs of the call ``ticket`` on this worker, and let none of its others begin."""
     _stopped.add(ticket)
     for supervisor in list(_serving.get(ticket, ())):
         with contextlib.suppress(SupervisorLost):
@@ -192,9 +193,10 @@ class WorkerResult:
 
 
 def run_job(text: str, ticket: str = "") -> WorkerResult:
-    """Run the job, given as JSON, on this worker and return the files it left; none if its ``ticket`` has been stopped.
+    """Run the job in the JSON ``text`` on this worker, in a temporary folder, and return the files that it left there.
 
-    Raise RuntimeError if the code or packages of this worker are not those of the job.
+    ``ticket`` names the call that sent the job: once that has been stopped, nothing is run. Files that are not of the
+    run are not returned. Raise RuntimeError if the code or packages of this worker are not those of the job.
     """
     job = Job.from_json(text)
     if ticket in _stopped:
@@ -211,35 +213,35 @@ def run_job(text: str, ticket: str = "") -> WorkerResult:
         supervisor = _provide_supervisor()
         _serving.setdefault(ticket, []).append(supervisor)
         try:
-            told = supervisor.run(local)
+            report = supervisor.run(local)
         finally:
             _serving[ticket].remove(supervisor)
-        if told.unbegun:
-            return WorkerResult(unbegun=told.unbegun)
+        if report.unbegun:
+            return WorkerResult(unbegun=report.unbegun)
         remove_partial(local.folder)  # files of a process that was killed while it wrote
         parts = {part: ConfinedPath(local.folder) / part for part in PARTS}
         places = {f"{part}/{name}": place / name for part, place in parts.items() for name in place.names()}
         record = f"runs/{job.id}.json"
         foreign = [n for n, place in places.items() if place.name.partition(".")[0] != job.id]
-        foreign += [n for n, place in places.items() if n == record and not _has_reported_digest(place, told)]
+        foreign += [n for n, place in places.items() if n == record and not _has_reported_digest(place, report)]
         if record in foreign or record not in places:
             return WorkerResult(foreign=foreign)
         files = {n: place.read(LARGEST) for n, place in places.items() if n not in foreign}
         return WorkerResult({f"environment.{own}.json": stamp, **files}, foreign=foreign)
 
 
-def _has_reported_digest(place: ConfinedPath, told: RunEnded) -> bool:
-    """Return whether the record at ``place`` has the digest that the supervisor's report ``told`` of its run gives."""
+def _has_reported_digest(place: ConfinedPath, report: RunEnded) -> bool:
+    """Return whether the record at ``place`` has the digest that the supervisor reported; False if it is invalid."""
     with contextlib.suppress(FileError):
-        return read_digest(read_record(place)) == told.sha256
+        return digest_record(read_record(place)) == report.sha256
     return False
 
 
 @cache
 def _describe_worker() -> tuple[str, bytes]:
-    """Return the identity of this worker's environment in records, and its stamp as JSON.
+    """Return the digest by which records name this worker's environment, and its stamp as JSON.
 
-    Both come from a new process, with the environment variables of a run.
+    The stamp comes from a new process, with the environment variables of a run.
     """
     call = (sys.executable, "-m", "mbsbench.harness.run.origin")
     given = {**os.environ, **machine.THREADS}
@@ -248,11 +250,11 @@ def _describe_worker() -> tuple[str, bytes]:
     return environment.digest_environment(stamp), json.dumps(stamp, indent=1).encode()
 
 
-def _store(job: Job, files: Mapping[str, bytes]) -> str:
+def _store_files(job: Job, files: Mapping[str, bytes]) -> str:
     """Write the files that a worker sent into the job's folder, the record last; return the record's digest.
 
-    The digest is empty without a record. A stamp that is there already is kept. Raise PoolError if a file cannot be
-    written.
+    ``files`` are contents by path in the folder. Without a record the digest is empty. An existing stamp is kept. Raise
+    PoolError if a file cannot be written.
     """
     for name in sorted(files, key=lambda n: n.startswith("runs/")):
         place = ConfinedPath(job.folder) / name
@@ -264,7 +266,7 @@ def _store(job: Job, files: Mapping[str, bytes]) -> str:
         except OSError as e:  # an error of this machine, not of the cluster
             raise PoolError(f"cannot write to {job.folder}: {e.strerror or e}; finished runs are kept") from None
     name = f"{job.id}.json"
-    return read_digest(parse_record(name, files[f"runs/{name}"])) if f"runs/{name}" in files else ""
+    return digest_record(parse_record(name, files[f"runs/{name}"])) if f"runs/{name}" in files else ""
 
 
 class _Supervisor(Supervised):
@@ -276,24 +278,24 @@ class _Supervisor(Supervised):
         self.news: list[News] = []  # received, not yet read
 
     def run(self, job: Job) -> RunEnded:
-        """Compile what the job needs, run it, and return the news of its end: a stored record, or why it did not begin.
+        """Compile what the job needs, run it, and return the report of its end: that it has a record, or did not begin.
 
         Raise RuntimeError if the supervisor reports an error.
         """
         specs = [c for c in list_runs_to_warm([job.spec]) if c not in self.warm]
         self.send(WarmUpOrder(specs, [job]))
-        while not (isinstance(warmed := self._answer(), WarmUpTimes) and warmed.over):
+        while not (isinstance(warmed := self._await_news(), WarmUpTimes) and warmed.over):
             pass
         self.warm += specs
         self.send(StartOrder(job))
-        while not isinstance(done := self._answer(), RunEnded):
+        while not isinstance(done := self._await_news(), RunEnded):
             pass
         if done.error:
             raise RuntimeError(done.error)
         return done
 
-    def _answer(self) -> News:
-        """Return the next news of the supervisor process, waiting for it if none has been received."""
+    def _await_news(self) -> News:
+        """Return the next message of the supervisor process; wait for it if none has been received."""
         while not self.news:
             self.news += self.receive()
         return self.news.pop(0)
@@ -303,7 +305,7 @@ _of_thread = threading.local()
 
 
 def _provide_supervisor() -> _Supervisor:
-    """Return the supervisor of this thread, a new one where it has none that is alive."""
+    """Return the supervisor of this thread; start a new one if it has none or that has ended."""
     found = getattr(_of_thread, "supervisor", None)
     if found is None or found.process.poll() is not None:
         found = _of_thread.supervisor = _Supervisor()

@@ -32,7 +32,7 @@ class Breach(TypeError):
 
 
 def find_refusal(solver: Solver | PresentedSolver, problem: Problem, control: StepControl) -> str:
-    """Return why the solver cannot take the problem, empty if it can; raise Breach for any other answer."""
+    """Return the reason why the solver refuses the problem; empty if it does not; raise Breach for a wrong answer."""
     given = solver.refuses(problem, control)
     if given is not None and not isinstance(given, str):
         raise Breach(
@@ -42,7 +42,10 @@ def find_refusal(solver: Solver | PresentedSolver, problem: Problem, control: St
 
 
 def check_trajectory(found: object, solver: Solver | PresentedSolver, problem: Problem) -> Trajectory:
-    """Return ``found`` if it is a trajectory of the problem's bodies with the declared types; else raise Breach."""
+    """Return ``found``, what ``solve`` returned, if it is a valid trajectory of the problem; else raise Breach.
+
+    Checked are the number of bodies, the shapes of reactions and diagnostics, and the types of all other fields.
+    """
     where = _locate_method(solver, "solve")
     if not isinstance(found, Trajectory):
         raise Breach(f"solve must return a Trajectory (got {type(found).__name__}){where}")
@@ -85,10 +88,10 @@ class Cost(NamedTuple):
 def split_cost(claimed: Trajectory, spent: float, code: float, wall: float, solver: Solver | PresentedSolver) -> Cost:
     """Return the cost of a call that took ``spent`` [s] of CPU time and ``wall`` [s] of wall time.
 
-    The meter counts ``code`` [s] of it as code generation. A plugin's integration is ``spent`` less ``code`` or the
-    set-up time that it states in ``claimed``, whichever is larger, as that may include code generation. Solvers of
-    ``solvers/`` time their own integration, which counts unless it leaves more than half of the call unexplained. Raise
-    Breach if a stated time exceeds the measured one.
+    ``code`` [s] of the CPU time was code generation, and ``claimed`` states the solver's own times. The integration of
+    a plugin is ``spent`` less the larger of ``code`` and the set-up time it states, which may include code generation.
+    Solvers of ``solvers/`` time their own integration, which counts unless it leaves more than half of the call
+    unexplained. Raise Breach if a stated time exceeds the measured one.
     """
     spent = max(spent, code)  # ``code`` is measured by a finer clock
     own, set_up = float(claimed.cpu_time), float(claimed.setup_time)
@@ -105,20 +108,20 @@ def split_cost(claimed: Trajectory, spent: float, code: float, wall: float, solv
 
 
 def select_repeat_times(times: Sequence[float]) -> Sequence[float]:
-    """Return the CPU times [s] of repeats that count: all, or only the first where it has prepared the others.
+    """Return the CPU times [s] of repeats that count: all, or the first alone if any took less than half as long.
 
-    It has prepared them if a later one took less than half as long.
+    In that case the first seems to have stored what the others need.
     """
     return times if min(times) >= EXPLAINED * times[0] - CLOCK else times[:1]
 
 
 def average_loop_times(times: Sequence[float], solver: object, reading: float) -> Sequence[float]:
-    """Return the costs [s] of a solve that count: means over groups of a loop's ``times`` that take ``GROUP`` together.
+    """Return the costs [s] of a solve from the ``times`` [s] of a loop of solves: means over groups of them.
 
-    The first solve warms up and does not count: it touches memory and code that the others find in the caches. If the
-    median of a plugin's later solves is less than half of it, warming up cannot be distinguished from a stored answer,
-    and only the first counts. ``reading`` [s] is the time that a reading of the clock adds to each solve; it is
-    subtracted.
+    A group takes at least ``GROUP`` together. The first solve does not count, since it brings memory and code into the
+    caches. If the median of a plugin's later solves is less than half of it, this cannot be distinguished from a stored
+    answer, and only the first counts. ``reading`` [s] is the time that a reading of the clock adds to each solve; it is
+    subtracted from the means.
     """
     first, later = times[0], times[1:]
     middle = statistics.median(later)
@@ -132,7 +135,7 @@ def average_loop_times(times: Sequence[float], solver: object, reading: float) -
 def make_cost_columns(times: Sequence[float], repeats: int) -> dict[str, Any]:
     """Return a record's columns of costs: ``repeats``, and minimum, quartiles, median and maximum of ``times`` [s].
 
-    ``times`` are those that count. The quartiles of three are the outer two.
+    ``times`` are the CPU times that count. Quartiles are Weibull's: those of three times are the outer two.
     """
     lower, middle, upper = (float(x) for x in np.quantile(times, [0.25, 0.5, 0.75], method="weibull"))
     return {
@@ -152,22 +155,22 @@ def _is_ours(solver: object) -> bool:
 
 
 def locate_error(error: BaseException, solver: object) -> str:
-    """Return the last line of the solver's own file that an exception passed through, such as `` (mysolver.py:12)``.
+    """Return the last line in the file of the solver's ``solve`` that an exception passed: `` (mysolver.py:12)``.
 
-    Empty if it passed through none.
+    Empty if it passed none.
     """
-    own = _code(solver, "solve")
+    own = _find_code(solver, "solve")
     frames = [f for f in traceback.extract_tb(error.__traceback__) if own and f.filename == own.co_filename]
     return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
 
 
 def _locate_method(solver: object, method: str) -> str:
     """Return where a method of the solver begins, such as `` (mysolver.py:12)``; empty if it is not in Python."""
-    code = _code(solver, method)
+    code = _find_code(solver, method)
     return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code else ""
 
 
-def _code(solver: object, method: str) -> CodeType | None:
-    """Return the code object of a method as its author wrote it, below all wrappers; None if it has none."""
+def _find_code(solver: object, method: str) -> CodeType | None:
+    """Return the code object of a solver's method as its author wrote it, without wrappers; None if not in Python."""
     made = solver.solver if isinstance(solver, PresentedSolver) else solver
     return getattr(inspect.unwrap(getattr(type(made), method, None) or len), "__code__", None)

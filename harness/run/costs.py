@@ -35,7 +35,7 @@ from ..reference.computation import Source, describe_source
 from ..results import store
 from .contract import SHORT
 from .remaining_time import QUICK, Expectation, format_duration, read_durations
-from .warmup import ABREAST, list_motions, list_runs_to_warm
+from .warmup import ABREAST, list_runs_to_warm, select_run_per_motion
 
 TABLE = Path(__file__).with_name("costs.toml")
 # number of bodies plus constraint rows of the systems for which the table was measured: one body, the chain, the grid
@@ -76,12 +76,12 @@ class Costs(Shape, frozen=True):
 
 @functools.cache
 def read_costs(path: Path = TABLE) -> Costs:
-    """Read the table."""
+    """Read the table of costs, once per process; raise FileError if it is invalid."""
     return convert_shape(parse_toml(read_text(path, "costs"), path.name), Costs, path.name)
 
 
 def measure_loop() -> float:
-    """Return the CPU time [s] of a short loop of Python and NumPy, the median of several, to rate a core."""
+    """Return the CPU time [s] of a short loop of Python and NumPy, the median of seven: how fast this core is."""
     import numpy as np
 
     times, A = [], np.eye(6)
@@ -111,9 +111,10 @@ TABLE_MACHINE = Slowness(1.0, 1.0)
 
 @functools.cache
 def measure_slowness(jobs: int) -> Slowness:
-    """Return how much longer runs take here, ``jobs`` in parallel, than on the idle machine of the table.
+    """Return the factors by which runs, ``jobs`` in parallel, take longer here than on the idle machine of the table.
 
-    It covers a slower core and other processes that compete for the cores, and is measured once per number of jobs.
+    They include a slower core and other processes that compete for the cores. They are measured once per process for
+    each number of jobs, by a loop and by counting the processes that run.
     """
     core = measure_loop() / read_costs().loop_s
     rivals = max(1.0, (count_running_processes() + jobs) / (os.cpu_count() or 1))
@@ -123,15 +124,15 @@ def measure_slowness(jobs: int) -> Slowness:
 def count_running_processes() -> float:
     """Return the number of other processes that are running now, the median of five counts 20 ms apart.
 
-    Those that this process has started for the runs do not count. The load of the last minute is no substitute: after a
-    first pass, or a build, it was caused by this program.
+    Children of this process do not count: they work for it. The load of the last minute is no substitute, as it may
+    stem from what this program did just before.
     """
-    looks = []
+    counts = []
     for _ in range(5):
         found = (p for p in psutil.process_iter(["status", "ppid"]) if os.getpid() not in (p.pid, p.info["ppid"]))
-        looks.append(sum(p.info["status"] == psutil.STATUS_RUNNING for p in found))
+        counts.append(sum(p.info["status"] == psutil.STATUS_RUNNING for p in found))
         time.sleep(0.02)
-    return median(looks)
+    return median(counts)
 
 
 def count_bodies_and_rows(system: MultibodySystem) -> float:
@@ -157,8 +158,8 @@ def interpolate_by_size(values: Sequence[float], size: float) -> float:
         return known[-1][1] * size / known[-1][0]
     for (a, low), (b, high) in itertools.pairwise(known):
         if size <= b:
-            share = math.log(max(size, a) / a) / math.log(b / a)
-            return low * math.exp(share * math.log(high / low))
+            fraction = math.log(max(size, a) / a) / math.log(b / a)
+            return low * math.exp(fraction * math.log(high / low))
     return known[0][1]
 
 
@@ -173,9 +174,9 @@ class CostFactors:
 
 
 def _find_factors(spec: RunSpec, known: dict[str, CostFactors]) -> CostFactors:
-    """Return the cost factors of a spec's problem from ``known``, keyed by variant; compute and add missing ones.
+    """Return the cost factors of a spec's problem from the cache ``known``, by variant; compute and add missing ones.
 
-    A problem of a plugin is not created: it is assumed to be one body with a computed reference.
+    A problem of a plugin is not created here: it is assumed to be one body with a computed reference.
     """
     name = format_name(spec.problem, spec.parameters)
     if name not in known:
@@ -199,10 +200,10 @@ def _find_factors_of_problem(problem: Problem) -> CostFactors:
 
 
 def predict_run_cost(spec: RunSpec, facts: CostFactors, costs: Costs, slow: Slowness = TABLE_MACHINE) -> float:
-    """Return the wall time [s] of a run: process, set-up, repeated solves and measuring.
+    """Return the expected wall time [s] of a run: process, set-up, repeated solves and measuring.
 
-    It is that on the machine of the table, or on one that takes longer by the factors ``slow``. A short solve is
-    repeated until ``spec.min_time``.
+    ``facts`` are the cost factors of its problem, ``costs`` the table. The time is that on the machine of the table, or
+    on one that takes longer by the factors ``slow``. A short solve is repeated until ``spec.min_time``.
     """
     # rows are examined in smaller numbers where systems are larger
     measuring = interpolate_by_size(costs.measure_s, min(facts.size, SIZES[-1]))
@@ -215,13 +216,16 @@ def predict_run_cost(spec: RunSpec, facts: CostFactors, costs: Costs, slow: Slow
 
 
 def predict_solve_cost(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
-    """Return the CPU time [s] of one solve on the machine of the table, at most the run's limit."""
+    """Return the expected CPU time [s] of one solve on the machine of the table, at most the run's limit."""
     step = interpolate_by_size(_find_solver_cost(spec, costs).step_us, facts.size) * 1e-6
     return min(_count_steps(spec, facts, costs) * step, spec.cpu_limit)
 
 
 def _count_steps(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
-    """Estimate the number of accepted steps of a run, at most the limit on steps."""
+    """Estimate the number of accepted steps of a run, at most its limit on steps.
+
+    With a tolerance, it is the solver's number at ``TOLERANCE`` from the table, scaled by a power of the tolerance.
+    """
     solver, control = _find_solver_cost(spec, costs), spec.control
     if control.dt is not None:
         return min(facts.t_end / control.dt, float(control.max_steps))
@@ -231,7 +235,7 @@ def _count_steps(spec: RunSpec, facts: CostFactors, costs: Costs) -> float:
 
 @functools.cache
 def _find_median_cost(names: tuple[str, ...]) -> SolverCost:
-    """Return median costs over the solvers ``names`` of the table; compilation counts as 0."""
+    """Return costs that are medians over the solvers ``names`` of the table, with no time to compile."""
     own = [s for name, s in read_costs().solvers.items() if name in names]
 
     def middle(values: Iterable[float]) -> float:
@@ -249,16 +253,19 @@ def _find_median_cost(names: tuple[str, ...]) -> SolverCost:
 
 
 def _find_solver_cost(spec: RunSpec, costs: Costs) -> SolverCost:
-    """Return the solver's costs; for one missing in the table, medians over solvers with the same step control."""
+    """Return the costs of the spec's solver from the table.
+
+    For a solver that the table lacks, they are medians over those that, like it, control the step or the error.
+    """
     adaptive = spec.control.dt is None
     alike = tuple(name for name, s in costs.solvers.items() if (s.steps > 0.0) is adaptive)
     return costs.solvers.get(spec.solver) or _find_median_cost(alike)
 
 
-def select_quick(specs: Sequence[RunSpec]) -> set[str]:
-    """Return the solvers of ``specs`` that have a run shorter than ``SOON`` and need no long compilation.
+def select_quick_solvers(specs: Sequence[RunSpec]) -> set[str]:
+    """Return the names of the solvers of ``specs`` that have a run shorter than ``SOON`` and need no long compilation.
 
-    Their code is cached, or compiled within ``QUICK``. Solvers that the table lacks are left out.
+    Their code is cached, or compiled within ``QUICK``. Solvers that the table of costs lacks are left out.
     """
     prepared, costs, known = WarmCaches(), read_costs(), dict[str, CostFactors]()
     own = [s for s in specs if s.solver in costs.solvers and predict_run_cost(s, _find_factors(s, known), costs) < SOON]
@@ -268,8 +275,8 @@ def select_quick(specs: Sequence[RunSpec]) -> set[str]:
 def predict_times(specs: Sequence[RunSpec], jobs: int, suite: str = "", local: Path | None = None) -> Expectation:
     """Return the expected wall times of ``specs`` on this machine, ``jobs`` in parallel.
 
-    Times recorded in results folders of ``local`` take precedence, those of ``suite`` first. No run is executed; a loop
-    of some milliseconds is timed and the running processes are counted.
+    Times recorded in the newest results folders in ``local`` (None: ``results/local``) take precedence over estimates,
+    those of ``suite`` first. No run is executed; a short loop is timed and the running processes are counted.
     """
     if not specs:
         return Expectation({}, jobs=jobs)
@@ -293,7 +300,7 @@ def describe_command(name: str, count: int, jobs: int = 1) -> str:
 
 
 def predict_command(name: str, count: int, jobs: int = 1) -> float:
-    """Return how long a command takes here [s]; arguments as of ``describe_command``."""
+    """Return the expected wall time [s] of a command here; the arguments are those of ``describe_command``."""
     start, each = read_costs().commands[name]
     return measure_slowness(jobs).other * (start + each * count / jobs)
 
@@ -306,8 +313,8 @@ def predict_pages(count: int) -> float:
 def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectation:
     """Return the expected times of solving specs repeatedly in ``jobs`` parallel processes.
 
-    ``counted`` pairs each spec with its number of solves. Only solves, loading and code count: runs need no process of
-    their own, and are not measured.
+    ``counted`` pairs each spec with its number of solves. Only solves, loading and compilation count: the solves need
+    no process of their own, and nothing is measured.
     """
     costs, slow, known = read_costs(), measure_slowness(jobs), dict[str, CostFactors]()
     runs = {
@@ -319,9 +326,12 @@ def expect_solves(counted: Sequence[tuple[RunSpec, int]], jobs: int) -> Expectat
 
 
 def _predict_shared_cost(specs: Sequence[RunSpec], costs: Costs, known: dict[str, CostFactors]) -> float:
-    """Return the wall time [s] to compile and compute, in parallel, all code and references that no cache holds."""
+    """Return the wall time [s] to compile all code and compute all references that no cache holds, in parallel.
+
+    ``known`` caches cost factors by variant. What all solvers of index 1 compile, ``SHARED``, counts once.
+    """
     warm = WarmCaches()
-    motions = [s for s in list_motions(specs) if _find_factors(s, known).has_computed_reference]
+    motions = [s for s in select_run_per_motion(specs) if _find_factors(s, known).has_computed_reference]
     named = (name_reference(format_name(s.problem, s.parameters)) for s in motions)
     references = sum(costs.reference_s for name in named if not warm.contains(name))
     cold = dict.fromkeys(s.solver for s in list_runs_to_warm(specs) if not warm.contains(s.solver))
@@ -360,7 +370,10 @@ class WarmCaches:
         return self.names.get(name) == _digest_for(name)
 
     def add(self, names: Iterable[str]) -> None:
-        """Record ``names`` here and on disk; if the disk cannot be written, only the next estimate is too long."""
+        """Record that the caches hold ``names``, here and on disk.
+
+        If the file cannot be written, only the next estimate is too long.
+        """
         new = {name: _digest_for(name) for name in names}
         if new.items() <= self.names.items():
             return
@@ -371,7 +384,7 @@ class WarmCaches:
 
 
 def _digest_for(name: str) -> str:
-    """Return a text that differs if the code behind a name of ``WarmCaches`` or the processor differs."""
+    """Return a digest, as text, of the code behind a name of ``WarmCaches`` and of the processor it is compiled for."""
     sources = package_sources()
     problem = name.removeprefix("reference of ").partition("[")[0]
     own = sources.measuring if name == LAWS else sources.solvers.get(name) or sources.problems.get(problem, "")

@@ -27,7 +27,10 @@ ENOUGH = 10.0  # times the CPU time that the run took: a limit that only a much 
 
 
 def rebuild_spec(record: RunRecord) -> RunSpec:
-    """Return the spec of a record's run; raise ValueError if it is invalid or has other settings in this checkout."""
+    """Return the spec that describes a record's run, with its limits.
+
+    Raise ValueError if it is invalid here, or if defaults have changed so that it has another ``settings_id``.
+    """
     try:
         problem = make_problem(record.problem, record.parameters)
         control = list_control(record)
@@ -53,8 +56,8 @@ def solve_every_step(
     """Solve the runs ``records`` of ``folder`` again into the new folder ``place``; return their series by run_id.
 
     The series have every step, and with ``lossless`` every state. ``run`` executes the request, ``jobs`` runs at a
-    time; plugins of the runs must be loaded. Raise FileError before anything is solved where the code or the platform
-    is not that of the runs, and afterwards where steps have other bits.
+    time; plugins of the runs must be loaded. Raise FileError before anything is solved if the code or the platform is
+    not that of the runs, and afterwards if steps have other bits.
     """
     for record in records:
         _check_origin(folder, record, plugins)
@@ -96,10 +99,10 @@ def _read_stamp(folder: Path, record: RunRecord) -> Mapping[str, object]:
 
 
 def limit_steps(spec: RunSpec, record: RunRecord) -> RunSpec:
-    """Return ``spec`` with limits under which it repeats the motion of ``record``.
+    """Return ``spec`` with limits under which it repeats the motion of ``record`` step by step.
 
-    A run that a clock ended may take only as many steps as it took, because a clock would end it at another step now.
-    The limit on CPU time is at least ``ENOUGH`` times what the run took.
+    If the run was cut short, the limit on steps is the number it took, since a clock would now end it at another step.
+    The limit on CPU time is at least ``ENOUGH`` times what the run took, if that is known.
     """
     cut = record.t_reached_s < record.t_end_s and 0 < record.steps < spec.control.max_steps
     control = (
@@ -110,14 +113,15 @@ def limit_steps(spec: RunSpec, record: RunRecord) -> RunSpec:
 
 
 def _was_cut_short(record: RunRecord) -> bool:
-    """Return whether something other than its motion ended the run: an outside cause, or a limit of its solver."""
+    """Return whether a limit or an outside cause ended the run, rather than its own motion."""
     return record.ended_by != "solver" or record.claimed == "stalled"
 
 
 def _read_checked(folder: Path, record: RunRecord, place: Path, again: RunRecord | None) -> Series:
-    """Return the series of ``again``, the record in ``place`` of the repeated run; None stands for no record.
+    """Return the series of a repeated run, whose record in the folder ``place`` is ``again``.
 
-    Raise FileError if it has no series, or if its steps differ in any bit from those of ``record`` in ``folder``.
+    Raise FileError if that is None or has no series, or if any bit of its steps differs from those of ``record`` in
+    ``folder``.
     """
     kept = store.read_run_series(folder, record, poses=False)
     found = store.read_run_series(place, again) if again is not None else None

@@ -60,7 +60,7 @@ class Handover:
 
 
 def report_exception(message: str) -> Handover:
-    """Return what a process hands over whose solver raised, or whose file cannot be used."""
+    """Return the handover of a process whose solver raised an exception, or whose file cannot be used."""
     return Handover(SolverReport(by=EndCause.EXCEPTION, message=message), None)
 
 
@@ -81,8 +81,11 @@ COST = (  # columns of the record that ``SolverReport.cost`` gives
 HIDDEN = 1.0
 
 
-def write(path: Path | ConfinedPath, handed: Handover) -> None:
-    """Write the file, completely or not at all."""
+def write_handover(path: Path | ConfinedPath, handed: Handover) -> None:
+    """Write report and motion to the file at ``path``, completely or not at all.
+
+    Message, counters, events and notes of the motion replace those of the report; all arrays are written as float64.
+    """
     arrays: dict[str, np.ndarray] = {}
     report, trajectory = handed.report, handed.trajectory
     if trajectory is not None:
@@ -103,10 +106,11 @@ def write(path: Path | ConfinedPath, handed: Handover) -> None:
     write_scratch_npz(path, {"report": np.asarray(to_json(report)), **numbers})
 
 
-def read(path: Path | ConfinedPath, system: MultibodySystem, spent: float = math.inf) -> Handover | None:
-    """Return what a process left that took ``spent`` [s] of CPU to solve ``system``; None if there is no file.
+def read_handover(path: Path | ConfinedPath, system: MultibodySystem, spent: float = math.inf) -> Handover | None:
+    """Return the handover in the file at ``path``; None if there is no file.
 
-    Raise FileError if the file does not have the required content, or reports more CPU time than ``spent``.
+    The process that wrote it took ``spent`` [s] of CPU to solve ``system``: if it reports much less, all of ``spent``
+    counts as its cost. Raise FileError if the content is invalid, or reports more CPU time than ``spent``.
     """
     if not confine_path(path).is_own_file():
         return None
@@ -115,16 +119,17 @@ def read(path: Path | ConfinedPath, system: MultibodySystem, spent: float = math
         report = convert_shape(parse_json(str(arrays.pop("report", "")), "report"), SolverReport, "report")
         _check_cost(report.cost, spent)
         report = _add_hidden_cost(report, spent)
-        return Handover(report, _trajectory(arrays, report, system) if "t" in arrays else None)
+        return Handover(report, _build_trajectory(arrays, report, system) if "t" in arrays else None)
     except ValueError as error:
         raise FileError(f"the arrays that the solver returned cannot be used: {error}") from None
 
 
 def _add_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
-    """Return the report with the cost of all ``spent`` [s] of CPU, and a note, if its process hides most of that time.
+    """Return the report with all ``spent`` [s] of CPU as its cost, and a note, if the process hides most of that time.
 
-    It does if ``spent`` exceeds twice the time on its own clocks by more than ``HIDDEN``. A report without one of the
-    costs accounts for no time, since our own code reports all of them. Refusals and exceptions stay as they are.
+    It does if ``spent`` exceeds twice the time by its own clocks by more than ``HIDDEN`` [s]. A report in which a cost
+    is missing accounts for no time, since our own code reports them all. Reports of refusals and exceptions are
+    returned unchanged.
     """
     whole = not any(math.isnan(float(report.cost.get(name, math.nan))) for name in (*COST, "cpu_inside_s"))
     inside = float(report.cost["cpu_inside_s"]) if whole else 0.0
@@ -141,10 +146,10 @@ def _add_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
 
 
 def _check_cost(cost: Mapping[str, float | str], spent: float) -> None:
-    """Raise FileError if a time measured by the solver's process is negative or exceeds the ``spent`` [s] that it took.
+    """Raise FileError if a time reported by the solver's process is negative or exceeds its CPU time ``spent`` [s].
 
-    Two may exceed it: the process that forked it may have done the import, and set-up, which contains the import, may
-    be wall time.
+    The time of import may exceed it, since the parent process may have done that; so may the time of set-up, which
+    includes the import and may be wall time.
     """
     for name, value in cost.items():
         most = LARGEST if name in ("cpu_import_s", "setup_s", "repeats", "left_out") else spent + CLOCK
@@ -152,8 +157,11 @@ def _check_cost(cost: Mapping[str, float | str], spent: float) -> None:
             raise FileError(f"{name} = {float(value):.3g} does not fit the {spent:.3g} s of CPU time of its process")
 
 
-def _trajectory(arrays: dict[str, np.ndarray], report: SolverReport, system: MultibodySystem) -> Trajectory:
-    """Return the motion in the arrays; raise FileError where shapes or types are not those of ``system``."""
+def _build_trajectory(arrays: dict[str, np.ndarray], report: SolverReport, system: MultibodySystem) -> Trajectory:
+    """Return the motion in the arrays of a handover file, with what the ``report`` says of it.
+
+    Raise FileError if an array is missing or does not have the shape that ``system`` requires, or is not float64.
+    """
     nt, nb = len(np.atleast_1d(arrays["t"])), system.nb
     one = {"r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3)}
     wanted = {"t": (nt,), **{k: (nt, *shape) for k, shape in one.items()}, "reaction": (nt, system.nrows)}

@@ -34,8 +34,8 @@ def time_in_turns(
 ) -> tuple[list[RunRecord], list[str]]:
     """Measure the CPU times of each problem's finished runs in turns, and write them into their records in ``folder``.
 
-    Return the new records, and a line for each problem whose timing failed. ``budget`` [s] of CPU time is for each
-    run over all turns.
+    Return the new records, and a line for each problem whose timing failed; its records stay as they are. ``budget``
+    [s] is the CPU time of each run over all ``turns``.
     """
     finished = (r for r in records if r.status in (Status.SUCCESS, Status.INACCURATE))
     timed, failures = list[RunRecord](), list[str]()
@@ -50,9 +50,10 @@ def time_in_turns(
 
 
 def take_turns(runs: Sequence[RunRecord], turns: int, budget: float = BUDGET) -> list[list[float]]:
-    """Solve each run of one problem in turns in this process, and return the CPU times [s] of each.
+    """Solve the runs of one problem one after the other, ``turns`` times; return the CPU times [s] of each run.
 
-    A run that would exceed ``budget`` [s] of CPU time has fewer turns.
+    Each is first solved for a few steps, which do not count. A run that would exceed ``budget`` [s] of CPU time in all
+    has fewer turns.
     """
     problem = registry.make_problem(runs[0].problem, runs[0].parameters)
     calls = []
@@ -71,22 +72,22 @@ def take_turns(runs: Sequence[RunRecord], turns: int, budget: float = BUDGET) ->
 
 
 def _name_variant(r: RunRecord) -> tuple[str, str]:
-    """Return the problem with its parameters, by which runs are grouped."""
+    """Return the problem with its parameters as JSON, by which runs are sorted and grouped."""
     return r.problem, r.problem_parameters
 
 
 def _time_in_process(
     runs: Sequence[RunRecord], turns: int, plugins: Sequence[str], budget: float
 ) -> tuple[list[list[float]], str]:
-    """Run ``take_turns`` in a separate process; return the CPU times [s] of each run, and why it failed, or "".
+    """Call ``take_turns`` in a separate process; return the CPU times [s] of each run, and "" or why it failed.
 
-    The process is separate because an engine may crash or print.
+    The process is separate because an engine may crash or print. If it fails, there are no times.
     """
     with tempfile.TemporaryDirectory() as place:
         native = Path(place) / "stderr"
 
         def target(send: Callable[[str], None]) -> None:
-            """Load the plugins, take the turns in a temporary folder, and send the times."""
+            """Load the plugins, take the turns in a temporary folder, and send the times as JSON."""
             for plugin in plugins:
                 registry.load_plugin(plugin)
             os.chdir(place)  # engines may write files

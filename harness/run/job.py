@@ -70,9 +70,9 @@ class Job:
 
 
 def make_job_record(job: Job, status: Status, **columns: Any) -> RunRecord:
-    """Return the record of a job: what was requested, its ``status``, and further known ``columns``.
+    """Return the record of a job: what was requested, its ``status``, and the values of further ``columns``.
 
-    A file of standard error is named if there is one; ``finished`` is the present time.
+    It names the file of standard error unless that is empty; ``finished`` is the present time.
     """
     spec, control = job.spec, job.spec.control
     entry = registry.solvers().get(spec.solver)
@@ -91,9 +91,9 @@ def make_job_record(job: Job, status: Status, **columns: Any) -> RunRecord:
         suite=job.suite,
         label=spec.label,
         problem=spec.problem,
-        problem_parameters=_json(spec.parameters),
+        problem_parameters=_format_settings(spec.parameters),
         solver=spec.solver,
-        solver_options=_json(spec.options),
+        solver_options=_format_settings(spec.options),
         control="rtol" if control.dt is None else "dt",
         dt_s=_replace_none(control.dt),
         rtol=_replace_none(control.rtol),
@@ -130,17 +130,19 @@ NEAR = 0.9  # fraction of the memory limit beyond which a signal is attributed t
 
 
 def make_cut_short_record(job: Job, by: EndCause, **columns: Any) -> RunRecord:
-    """Return the record of a run that did not end by itself; its status follows from ``by``, the cause of the end.
+    """Return the record of a run that did not end by itself; its status follows from the cause of its end, ``by``.
 
-    ``columns`` are further columns of the record.
+    ``columns`` are the values of further columns of the record.
     """
     return make_job_record(job, STATUS_OF.get(by, Status.CRASHED), ended_by=str(by), **columns)
 
 
 def record_unfinished(job: Job, ended: ProcessEnd, wall: float, by: EndCause, limit: float) -> RunRecord:
-    """Return the record of a run whose process sent none: from its end ``ended`` and ``wall`` [s] of wall time.
+    """Return the record of a run whose process sent none, after ``wall`` [s] of wall time.
 
-    The cause and the limit [s] of a killed run are ``by`` and ``limit``, unless ``ended`` names another limit.
+    ``ended`` is how the process ended. If it was killed, ``by`` and ``limit`` [s] are the cause and the limit in the
+    record, unless ``ended`` names a limit on memory, CPU time or code generation. If it ended by itself or by a signal,
+    the cause follows from its exit code.
     """
     said = {}
     if ended.over == "memory" and by is EndCause.WALL_LIMIT:
@@ -177,7 +179,7 @@ def format_first_line(error: BaseException) -> str:
     return type(error).__name__
 
 
-def _json(values: Mapping[str, Any]) -> str:
+def _format_settings(values: Mapping[str, Any]) -> str:
     """Return options or parameters as JSON with sorted keys, so that equal ones give equal text."""
     return json.dumps(dict(values), sort_keys=True, default=list)
 

@@ -59,12 +59,12 @@ def build_series(
     lossless: bool = False,
     keep: Sequence[str] | None = None,
 ) -> Series:
-    """Return the content of a run's series file: rows, poses and states, thinned so that peaks stay.
+    """Return the content of a run's series file: rows, poses and states of its steps, thinned such that peaks stay.
 
-    With ``lossless`` every step is kept. The states of a run that is too long for a file are thinned all the same. With
-    ``keep``, names or patterns of series, the file is brief: if it has more than ``FEW`` rows, only these series and
-    the times keep their rows and others become envelopes; it has as many poses as a picture shows, and states at peaks
-    only.
+    With ``lossless`` every step is kept, unless the run is too long for a file. With ``keep``, names or patterns of
+    series, the file is brief: it has as many poses as a picture shows, and states at peaks only. If it has more than
+    ``FEW`` rows, the times and the series named keep their rows, and the others become envelopes. ``m`` are the
+    measured series of ``trajectory``.
     """
     reference, nb = find_reference(problem), problem.system.nb
     lossless = lossless and len(m.t) * (nb * STATE_BYTES + problem.system.nrows * 8) <= LARGEST_STATES
@@ -73,10 +73,10 @@ def build_series(
     steps = choose_steps(m, peaks, nb, every=lossless)
     rows = np.union1d(choose_rows(len(m.t), m.energy_error, m.phi_norm), steps)
     span, near = _choose_detail(problem, m.size.length, brief=brief)
-    full = _series(problem, trajectory, m)
-    kept = _select(full, keep or ()) if brief and len(m.t) > FEW else set(full)
+    full = _collect_series(problem, trajectory, m)
+    kept = _select_names(full, keep or ()) if brief and len(m.t) > FEW else set(full)
     arrays = {k: full[k][rows] for k in full if k in kept}
-    left = {} if kept >= set(full) else {k: a for k, a in (full | _distances(full)).items() if k not in kept}
+    left = {} if kept >= set(full) else {k: a for k, a in (full | _subtract_reference(full)).items() if k not in kept}
     if brief and MARKS in (keep or ()):
         arrays[MARKS] = find_periods(m.t[rows], {k: full[k][rows] for k in full if k.startswith("obs_")})
     if left and trajectory.status != Status.SUCCESS:
@@ -85,20 +85,20 @@ def build_series(
     units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
     units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
     at = {name: float(m.t[k]) for name, k in peaks.items()} | interpolate_peak_times(m) | find_scale_times(m)
-    arrays |= _poses(m.t, trajectory, span, near) | _compress_exact_poses(problem, reference, m.t, span, near)
-    arrays |= _turns(problem, trajectory)
-    arrays |= _states(trajectory, steps, m.t) | _samples(reference, choose_times(m, steps))
+    arrays |= _collect_frames(m.t, trajectory, span, near) | _compress_exact_poses(problem, reference, m.t, span, near)
+    arrays |= _count_turns_from_rest(problem, trajectory)
+    arrays |= _collect_states(trajectory, steps, m.t) | _sample_reference(reference, choose_times(m, steps))
     if brief:
         arrays = leave_out_states({**arrays, "state_energy_error": m.energy_error[steps]}, at)
     return Series(
-        {**arrays, **_numbers(problem)},
+        {**arrays, **_collect_system_arrays(problem)},
         tuple(trajectory.events),
         tuple(problem.system.body_names),
         tuple(problem.system.joint_names),
         units,
         {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
         at,
-        _source(problem, reference),
+        _name_source(problem, reference),
         compute_envelopes(m.t, left),
         digest_steps(trajectory),
         m.size.length if brief else math.nan,
@@ -106,20 +106,21 @@ def build_series(
 
 
 def _choose_detail(problem: Problem, length: float, *, brief: bool) -> tuple[float, float]:
-    """Return the ``span`` [m] and the fraction ``near`` of it by which poses are thinned (``_poses``).
+    """Return ``span`` [m] and ``near``, a fraction of it, by which poses are thinned (``_collect_frames``).
 
-    ``length`` [m] is the length scale, used where no joint has an arm.
+    ``span`` is the longest arm of a joint or, if no joint has an arm, the length scale ``length`` [m]; in a brief file
+    it is divided by ``TURNED``. ``near`` is 0 unless the file is brief.
     """
     span = float(np.linalg.norm(problem.system.joint_s_i, axis=1).max(initial=0.0)) or length
     return (span / TURNED, TURNED * NEAR) if brief else (span, 0.0)
 
 
 def hold_exact_motion(problem: Problem, code: str, *, brief: bool) -> None:
-    """Compute samples of a problem's exact motion for measuring and series, and hold them for forks of this process.
+    """Evaluate a problem's exact motion for measuring and series, and hold the samples for forks of this process.
 
-    ``code`` is the digest of all code that measures, by which joint loads are stored (module ``stored_loads``).
-    Nothing is computed that is not on disk or in closed form: ``NotStoredError`` is raised then. The reference itself
-    is not held, as an orbit has megabytes, which would count as the memory of each solver's process.
+    ``code`` is the digest of all measuring code, under which joint loads are stored on disk (module ``stored_loads``).
+    A reference is not integrated here: raise NotStoredError if it is neither in closed form nor on disk. It is not held
+    itself, as an orbit has megabytes, which would count as memory of each solver's process.
     """
     hold_values(problem)
     hold_code(problem, code)
@@ -134,7 +135,7 @@ def hold_exact_motion(problem: Problem, code: str, *, brief: bool) -> None:
 
 
 def digest_steps(trajectory: Trajectory) -> str:
-    """Return the sha256 of all that a solver returned for its steps: times, states, diagnostics and reactions."""
+    """Return the sha256 of all numbers that a solver returned for its steps: times, states, diagnostics, reactions."""
     s = trajectory.states
     returned = [trajectory.t, s.r, s.R, s.v, s.Omega, *(a for _, a in sorted(trajectory.diagnostics.items()))]
     if trajectory.reaction is not None:
@@ -145,8 +146,8 @@ def digest_steps(trajectory: Trajectory) -> str:
     return digest.hexdigest()
 
 
-def _series(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict[str, np.ndarray]:
-    """Return all measured and returned series by name, each with a value for every step."""
+def _collect_series(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict[str, np.ndarray]:
+    """Return all series of a run by name, measured ones and those that its solver returned, each of shape (nt,)."""
     full: dict[str, np.ndarray | None] = {
         "t": m.t,
         "dt": np.insert(np.diff(m.t), 0, math.nan),
@@ -163,22 +164,25 @@ def _series(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) -> dict
     return {k: a for k, a in full.items() if a is not None}
 
 
-def _select(full: Iterable[str], keep: Sequence[str]) -> set[str]:
-    """Return the names of the times, and of the series that match a name or pattern in ``keep``."""
+def _select_names(full: Iterable[str], keep: Sequence[str]) -> set[str]:
+    """Return those names of ``full`` that are times or match a name or pattern in ``keep``."""
     return {k for k in full if k in TIMES or any(fnmatchcase(k, pattern) for pattern in keep)}
 
 
-def _distances(full: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return observables less those of the reference, as ``away_<name>``; envelopes of both do not determine them."""
+def _subtract_reference(full: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the differences of observables from those of the reference, as series ``away_<name>``.
+
+    They are kept because the envelopes of both do not determine them.
+    """
     names = (k.removeprefix("obs_") for k in full if k.startswith("obs_"))
     return {f"away_{n}": full[f"obs_{n}"] - full[f"ref_{n}"] for n in names if f"ref_{n}" in full}
 
 
-def _poses(t: np.ndarray, trajectory: Trajectory, span: float, near: float) -> dict[str, np.ndarray]:
+def _collect_frames(t: np.ndarray, trajectory: Trajectory, span: float, near: float) -> dict[str, np.ndarray]:
     """Return the poses that a picture needs and the state at the end, as arrays ``frame_...`` and ``end_...``.
 
-    ``span`` [m] of a body turns a rotation into a path. With ``near`` > 0, a fraction of ``span``, the file is brief:
-    chords between frames stay so close to the path. Otherwise (0) the reactions at the frames are kept as well.
+    ``span`` [m] times an angle is the path of a rotating body. With ``near`` > 0, as in a brief file, the chords
+    between frames stay within that fraction of ``span`` from the path; with 0 the reactions at the frames are kept too.
     """
     frames, end = choose_frames(t, trajectory.states.at, span, near=near), trajectory.states[-1]
     out = {
@@ -190,26 +194,27 @@ def _poses(t: np.ndarray, trajectory: Trajectory, span: float, near: float) -> d
     return out
 
 
-def _turns(problem: Problem, trajectory: Trajectory) -> dict[str, np.ndarray]:
-    """Return by how many whole turns each torsional spring leaves half a turn about rest at most, as ``end_turns``.
+def _count_turns_from_rest(problem: Problem, trajectory: Trajectory) -> dict[str, np.ndarray]:
+    """Return the largest number of whole turns of each torsional spring from its rest during the motion.
 
-    Empty if no spring does.
+    It is the array ``end_turns``, rounded; empty if every spring stays within half a turn of its rest.
     """
     system, t = problem.system, np.asarray(trajectory.t, dtype=float)
     angles = count_turns(system, t, trajectory.states)
     if angles is None and not np.any(system.torsion_wound):
         return {}
-    whole = evaluate_torsion(system, trajectory.states)[0] - system.torsion_wound
-    far = np.abs((whole if angles is None else angles) - whole)
+    principal = evaluate_torsion(system, trajectory.states)[0] - system.torsion_wound  # [rad] within half a turn
+    far = np.abs((principal if angles is None else angles) - principal)
     return {"end_turns": np.round(np.max(far + np.abs(system.torsion_wound), axis=0) / (2.0 * np.pi))}
 
 
 def _compress_exact_poses(
     problem: Problem, reference: Reference | None, t: np.ndarray, span: float, near: float
 ) -> dict[str, np.ndarray]:
-    """Return poses of the exact motion as far as it is known and the run went; empty without a reference.
+    """Return poses of the exact motion, as arrays ``exact_...``, up to its horizon or the last of the times ``t`` [s].
 
-    ``span`` and ``near`` thin them as in ``_poses``.
+    ``span`` and ``near`` thin them as in ``_collect_frames``. Empty without a reference. They are held for other runs
+    of the problem where ``hold_exact_motion`` has asked for that.
     """
     known = t[: count_covered(reference, t)]
     if reference is None or len(known) < 2:
@@ -222,21 +227,27 @@ def _compress_exact_poses(
 def _thin_exact_poses(
     reference: Reference, ends: tuple[float, float], span: float, near: float
 ) -> dict[str, np.ndarray]:
-    """Return poses of the exact motion between two times as ``_compress_exact_poses`` does."""
+    """Return poses of the exact motion between the two times ``ends`` [s], about ``EXACT_FRAMES`` at most.
+
+    The arrays and arguments are those of ``_compress_exact_poses``.
+    """
     at = np.linspace(*ends, FINE)
     kept = choose_frames(at, lambda k: reference.states(at[k]), span, EXACT_FRAMES, near)
     return _compress_poses("exact", at[kept], reference.states(at[kept]))
 
 
-def _states(trajectory: Trajectory, steps: np.ndarray, t: np.ndarray) -> dict[str, np.ndarray]:
-    """Return times, states and, if any, reactions at ``steps`` as arrays ``state_...``; ``t`` [s] has all times."""
+def _collect_states(trajectory: Trajectory, steps: np.ndarray, t: np.ndarray) -> dict[str, np.ndarray]:
+    """Return times, states and, if any, reactions at the steps with the indices ``steps``, as arrays ``state_...``.
+
+    ``t`` [s] are the times of all steps.
+    """
     out = _name_full_states("state", t[steps], trajectory.states.at(steps))
     if trajectory.reaction is not None:
         out["state_reaction"] = np.asarray(trajectory.reaction, dtype=float)[steps]
     return out
 
 
-def _samples(reference: Reference | None, t: np.ndarray) -> dict[str, np.ndarray]:
+def _sample_reference(reference: Reference | None, t: np.ndarray) -> dict[str, np.ndarray]:
     """Return states of the reference at times ``t`` [s] with its stated error, as ``sample_...``; empty without one."""
     if reference is None or len(t) == 0:
         return {}
@@ -251,8 +262,11 @@ def _name_full_states(kind: str, t: np.ndarray, s: States) -> dict[str, np.ndarr
     return {f"{kind}_t": t, **{f"{kind}_{name}": getattr(s, name) for name in STATE}}
 
 
-def _numbers(problem: Problem) -> dict[str, np.ndarray]:
-    """Return every array of the problem's system and start; those that a drawing needs keep their names."""
+def _collect_system_arrays(problem: Problem) -> dict[str, np.ndarray]:
+    """Return every array of the problem's system and start by its name in the file.
+
+    Arrays that a drawing needs keep their names, others begin with ``system_`` or ``start_``.
+    """
     system = problem.system
     arrays = {k: a for k, a in vars(system).items() if isinstance(a, np.ndarray) and a.dtype != object}
     out = {k if k in DRAWING else f"system_{k}": a for k, a in arrays.items()}
@@ -262,7 +276,7 @@ def _numbers(problem: Problem) -> dict[str, np.ndarray]:
     return out | {"system_gyration": system.gyration, "system_frame": problem.frame}
 
 
-def _source(problem: Problem, reference: Reference | None) -> str:
+def _name_source(problem: Problem, reference: Reference | None) -> str:
     """Return the kind of the reference that the motion was compared with, a value of ``Source``."""
     if reference is None:
         return str(Source.NONE)
@@ -271,11 +285,11 @@ def _source(problem: Problem, reference: Reference | None) -> str:
 
 def _compress_poses(kind: str, t: np.ndarray, s: States) -> dict[str, np.ndarray]:
     """Return times, and poses in float32 as positions and quaternions, as arrays whose names begin with ``kind``."""
-    return {f"{kind}_t": t, f"{kind}_r": s.r.astype(np.float32), f"{kind}_q": _quaternions(s)}
+    return {f"{kind}_t": t, f"{kind}_r": s.r.astype(np.float32), f"{kind}_q": _convert_to_quaternions(s)}
 
 
-def _quaternions(s: States) -> np.ndarray:
-    """Return the orientations as quaternions (nf, nb, 4) x, y, z, w in float32; NaN where R is no longer a rotation."""
+def _convert_to_quaternions(s: States) -> np.ndarray:
+    """Return the attitudes as quaternions (nt, nb, 4) x, y, z, w in float32; NaN if R is not finite or det R <= 0."""
     R = s.R.reshape(-1, 3, 3)
     with np.errstate(all="ignore"):
         sound = np.isfinite(R).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(R)) > 0.0)

@@ -18,8 +18,8 @@ from ..judge.metrics.measure import measure
 from ..judge.metrics.summary import make_columns
 from ..mechanics.types import EndCause, Problem, Reason, Status, Trajectory
 from ..results.records import RunRecord, format_reasons
-from ..results.series import name_file, write_series
-from .handover import Handover, SolverReport, read
+from ..results.series import name_series_file, write_series
+from .handover import Handover, SolverReport, read_handover
 from .job import Job, format_first_line, make_cut_short_record, make_job_record
 from .kept_series import build_series
 from .spool import read_spool
@@ -39,10 +39,10 @@ class Outcome:
 
 
 def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent: float = math.inf) -> Outcome:
-    """Measure and judge what the solver left, or else the steps that it had kept; return the outcome.
+    """Measure and judge what the solver left or, if it left nothing, the steps that it had kept; return the outcome.
 
-    ``bare`` is a record of how the solver's process ended, ``spent`` [s] the CPU time it took. An exception becomes the
-    record of a crashed run, unless the disk is full.
+    ``bare`` is a record of how the solver's process ended, ``spent`` [s] the CPU time it took. An exception, also one
+    in measuring, gives the record of a crashed run; only that of a full disk is raised.
     """
     try:
         if problem is None:
@@ -72,7 +72,7 @@ def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent
 
 
 def make_problem(job: Job) -> Problem:
-    """Return the problem of a run; that of a plugin is created by the plugin, in this process too (docs/trust.md)."""
+    """Return the problem of a run; for a plugin's problem, load the job's plugins in this process (docs/trust.md)."""
     if not registry.is_own_problem(job.spec.problem):
         for plugin in job.plugins:
             registry.load_plugin(plugin)
@@ -80,20 +80,21 @@ def make_problem(job: Job) -> Problem:
 
 
 def _read_handover(job: Job, problem: Problem, spent: float) -> Handover | None:
-    """Return what the solver left, None where it left nothing.
+    """Return report and motion that the solver's process left in ``job.handover``; None without that file.
 
-    A file that cannot be used is returned as the report of a solver that raised an exception.
+    If the file cannot be used, the report says so, as if the solver had raised an exception.
     """
     try:
-        return read(job.handover, problem.system, spent)
+        return read_handover(job.handover, problem.system, spent)
     except FileError as error:
         return Handover(SolverReport(by=EndCause.EXCEPTION, message=str(error)), None)
 
 
 def judge_handover(job: Job, problem: Problem, handover: Handover, spent: float = math.inf, **about: Any) -> Outcome:
-    """Measure and judge what a solver returned or refused; ``spent`` is the CPU time [s] of its process, if known.
+    """Measure and judge the motion that a solver returned, or record its refusal; return the outcome.
 
-    ``about`` are columns of the record that the caller knows better than the solver's report.
+    ``spent`` is the CPU time [s] of its process; infinite if unknown. ``about`` are columns of the record that take
+    precedence over the solver's report.
     """
     known = {**handover.columns, **about}
     if handover.trajectory is None:
@@ -112,9 +113,10 @@ def judge_handover(job: Job, problem: Problem, handover: Handover, spent: float 
 
 
 def _measure_partial(job: Job, problem: Problem, bare: RunRecord) -> Outcome:
-    """Measure and judge the steps kept by a run that was cut short; ``bare`` is the record of its end.
+    """Measure and judge the steps kept by a run that was cut short; return the outcome.
 
-    The outcome is ``bare`` alone if no steps were kept.
+    ``bare`` is the record of how the run ended. It alone is the outcome if no steps were kept; otherwise its cause of
+    the end, limits and costs go into the new record.
     """
     trajectory = read_spool(job.spool, problem, Status(bare.status), bare.message)
     if trajectory is None:
@@ -148,8 +150,9 @@ def judge_motion(
 ) -> tuple[RunRecord, MeasuredSeries]:
     """Measure and judge a motion; return its record and its measured series.
 
-    A solver that stalled before its limit on steps, after most of its CPU time, is unfinished: ``spent`` [s], which
-    includes code generation, decides. ``known`` are columns of the record that are known already and take precedence.
+    A claimed success that breaks a law becomes ``wrong``, one that is too far from the reference ``inaccurate``. A run
+    that stalled before its limit on steps is ``unfinished`` if it has used the fraction ``USED`` of its limit on CPU
+    time, by ``spent`` [s], which includes code generation. ``known`` are columns of the record that take precedence.
     """
     measured = measure(problem, trajectory)
     numbers = make_columns(problem, trajectory, measured)
@@ -170,13 +173,13 @@ def judge_motion(
 
 
 def write_outcome(job: Job, outcome: Outcome) -> RunRecord:
-    """Write the series of a motion into the results folder; return the record with path, digest and rows of the file.
+    """Write the series of an outcome into the results folder; return the record with path, digest and rows of the file.
 
-    An outcome without a motion has no file.
+    For an outcome without a motion no file is written, and its record is returned unchanged.
     """
     if outcome.problem is None or outcome.trajectory is None or outcome.measured is None:
         return outcome.record
     series = build_series(outcome.problem, outcome.trajectory, outcome.measured, lossless=job.lossless, keep=job.keep)
-    place = name_file(job.id, brief=series.is_brief)
+    place = name_series_file(job.id, brief=series.is_brief)
     digest = write_series(ConfinedPath(job.folder) / place, series)
     return dataclasses.replace(outcome.record, series=place, series_sha256=digest, series_rows=len(series["t"]))

@@ -12,7 +12,10 @@ from ..results import environment
 
 
 def describe_environment(folder: str, suite: str, jobs: int, plugins: tuple[str, ...]) -> dict[str, Any]:
-    """Return the content of ``environment.json``, the stamp of a results folder of this name, for the present code."""
+    """Return the content of ``environment.json``, the stamp of a results folder, for the present code.
+
+    ``folder`` and ``suite`` are names, ``jobs`` is the number of runs in parallel.
+    """
     return environment.describe_environment(folder, suite, jobs, plugins, digest_code(tuple(plugins)))
 
 

@@ -12,7 +12,7 @@ from ..base.clock import cpu_seconds_below
 from ..base.code_meter import add_code_below, code_seconds_of_tree
 from ..base.forked_process import SLACK
 from ..mechanics.types import EndCause
-from ..results.store import read_digest, write_record
+from ..results.store import digest_record, write_record
 from .costs import LAWS, WarmCaches, name_reference
 from .job import Job, make_cut_short_record
 from .protocol import CodeTime, News, StartOrder, StopOrder, Supervised, SupervisorLost, WarmUpOrder, WarmUpTimes
@@ -44,7 +44,8 @@ class TimeLimit:
     def start(self, process: int = 0, size: int = 1) -> "TimeLimit":
         """Return a copy of the limit that starts now.
 
-        It limits wall time and, with ``process``, the process id of a supervisor of ``size`` runs at a time, CPU time.
+        With ``process``, the id of a supervisor process that runs ``size`` runs at a time, CPU time is limited, and
+        wall time to ``SLACK`` times as much; with 0 only wall time is limited.
         """
         slack = SLACK if process else 1.0
         most = cpu_seconds_below(process) + size * self.seconds if process else math.inf
@@ -105,7 +106,7 @@ class LocalPool:
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
         """Run all ``jobs``; return when each has a record, or at the limit, when those that had begun have one.
 
-        Raise PoolError if supervisors die repeatedly or runs could not begin.
+        Raise PoolError if supervisors die repeatedly, or at the end if runs could not begin.
         """
         self._limit = limit
         self._run(list(jobs)[::-1], jobs)
@@ -115,10 +116,11 @@ class LocalPool:
         self._unbegun.check()
 
     def _run(self, waiting: list[Job], jobs: Sequence[Job]) -> None:
-        """Run the ``waiting`` jobs, the last of the list first, by one supervisor after another if some die.
+        """Run the ``waiting`` jobs, the last of the list first, and empty the list; ``jobs`` are all jobs of the call.
 
-        The list is emptied. A job during which a supervisor died is run once more, alone; if that supervisor dies too,
-        the job gets a record that says so. ``jobs`` are all jobs of the call.
+        If the supervisor dies, another one goes on. A job during which a supervisor died is run once more, alone; if
+        that supervisor dies too, the job gets a record that says so. Raise PoolError if supervisors die repeatedly
+        although no job begins.
         """
         self._attempts = {job.id: 1 for job in jobs if job.alone}
         deaths = 0
@@ -141,14 +143,14 @@ class LocalPool:
                         job, EndCause.SUPERVISOR_LOST, exit_code=max(code, 0), signal=max(-code, 0)
                     )
                 write_record(job.folder, ending)
-                self.on_end(job, read_digest(ending))
+                self.on_end(job, digest_record(ending))
             self._flying.clear()
 
     def _serve(self, waiting: list[Job]) -> int | None:
         """Run jobs by one supervisor; return None when all are done, or its exit code (minus a signal) if it dies.
 
-        Jobs that begin are removed from ``waiting``, and all others at the limit. Those that run when the supervisor
-        dies stay in ``_flying``.
+        Their code is compiled first. Jobs that begin are removed from ``waiting``, and all others at the limit on time.
+        Those that run when the supervisor dies stay in ``_flying``.
         """
         supervisor, self.ahead = self.ahead or Supervised(self.environ), None
         self._code_seconds = 0.0
@@ -167,22 +169,22 @@ class LocalPool:
                         self._stopped = True
                         supervisor.send(StopOrder())
                 while waiting and not self._compiling and self._is_room_for(waiting[-1]):
-                    self._send(supervisor, waiting.pop())
+                    self._send_job(supervisor, waiting.pop())
                 if not self._flying and not self._compiling:
                     return None
                 news = supervisor.receive(TICK)
                 self.tick()
                 for message in news:
-                    self._receive(message, supervisor.process.pid)
+                    self._apply_news(message, supervisor.process.pid)
         except SupervisorLost as lost:
             return lost.code
         finally:
             supervisor.close()
 
     def _is_room_for(self, job: Job) -> bool:
-        """Return whether a job may start: fewer than ``size`` run, or none if the job must run alone.
+        """Return whether a job may start: fewer than ``size`` jobs run, or none if one of them must run alone.
 
-        A job during which a supervisor died runs alone, in case it was the cause.
+        A job during which a supervisor died, or that must run alone for another reason, has attempts already.
         """
         alone = job.id in self._attempts or any(self._attempts[j.id] > 1 for j in self._flying.values())
         return not self._flying if alone else len(self._flying) < self.size
@@ -191,14 +193,14 @@ class LocalPool:
         """Return whether the runs have reached their limit on time, if there is one."""
         return self._limit is not None and self._limit.is_over
 
-    def _send(self, supervisor: Supervised, job: Job) -> None:
+    def _send_job(self, supervisor: Supervised, job: Job) -> None:
         """Order the supervisor to begin a job; count the attempt and call ``on_start``."""
         self._flying[job.id] = job
         self._attempts[job.id] = self._attempts.get(job.id, 0) + 1
         self.on_start(job)
         supervisor.send(StartOrder(job))
 
-    def _receive(self, news: News, supervisor: int) -> None:
+    def _apply_news(self, news: News, supervisor: int) -> None:
         """Apply one message of the supervisor with process id ``supervisor``; call ``on_warmup`` or ``on_end``.
 
         The end of the warm-up lets runs begin and starts the limit. Raise PoolError if a run reports an error that

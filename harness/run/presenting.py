@@ -36,9 +36,9 @@ class PresentedSolver:
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Solve the presented problem; return the motion in the problem's own terms.
 
-        With ``retrace`` the motion is then integrated back from its end; the state where that arrives, with velocities
-        reversed again, is kept as ``returned``, and the costs of both integrations add up. If the integration back
-        fails, the motion only gets a note.
+        With ``retrace`` the motion is then integrated back from its end with reversed velocities. The last state of
+        that integration, with velocities reversed again, becomes ``returned``, and the costs of both add up. If the
+        integration back fails, the motion only gets a note.
         """
         began = solver_seconds()
         there = self._solve_presented(problem, control)
@@ -61,7 +61,10 @@ class PresentedSolver:
 
 
 def restore_trajectory(found: Trajectory, problem: Problem) -> Trajectory:
-    """Return a motion of the presented problem in the problem's own terms: its time, bodies, units and rows."""
+    """Convert a motion ``found`` of the presented problem to the problem's own terms: its time, bodies, units and rows.
+
+    A motion with a wrong number of bodies is returned as it is.
+    """
     presentation, system = problem.presentation, problem.system
     if presentation == Presentation() or found.states.nb != system.nb:  # of a wrong size, which the caller reports
         return found

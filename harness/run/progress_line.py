@@ -33,7 +33,10 @@ class ProgressLine:
         return self.watched and time.monotonic() >= self._next
 
     def show(self, words: str) -> None:
-        """Write ``words`` over the line, cut to the width of the terminal: a folded line cannot be overwritten."""
+        """Write ``words`` over the line, cut to the width of the terminal, since a wrapped line cannot be overwritten.
+
+        Set when the next line is due.
+        """
         if not self.watched:
             return
         words = words[: shutil.get_terminal_size().columns - 1]

@@ -64,7 +64,7 @@ News = WarmUpTimes | RunEnded | CodeTime
 
 
 def encode_message(message: Message) -> bytes:
-    """Return a message as one line of JSON, with its end of line."""
+    """Return a message as one line of JSON, its newline included."""
     return msgspec.json.encode(message, enc_hook=str) + b"\n"
 
 
@@ -76,7 +76,7 @@ class Reader:
         self.pending = b""
 
     def messages(self, chunk: bytes) -> list[Any]:
-        """Return the messages that are complete with this chunk; keep the rest for the next call."""
+        """Return the messages that are complete with the bytes ``chunk``; keep the rest for the next call."""
         *lines, self.pending = (self.pending + chunk).split(b"\n")
         return [self.decoder.decode(line) for line in lines]
 
@@ -104,9 +104,9 @@ class Supervised(ModuleProcess):
         self.send_lines(encode_message(order))
 
     def receive(self, timeout: float | None = None) -> list[News]:
-        """Return the news that arrives within ``timeout`` [s] (None: wait without limit), possibly none.
+        """Return the messages that arrive within ``timeout`` [s], possibly none; None waits without limit.
 
-        Raise SupervisorLost if the process has ended and all its news is read.
+        Raise SupervisorLost if the process has ended and all its messages have been read.
         """
         ready, _, _ = select.select([self.answers], [], [], timeout)
         if not ready:

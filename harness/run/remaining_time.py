@@ -73,7 +73,7 @@ class Expectation:
         return self.once >= QUICK
 
     def note_time(self, spec: RunSpec, seconds: float) -> None:
-        """Add the wall time [s] of a run that has ended."""
+        """Add the wall time [s] of a run that has ended to the times by which the pace is estimated."""
         self.spent += seconds
         self.foreseen += self.runs.get(spec.settings_id, seconds)
 
@@ -84,36 +84,38 @@ class Expectation:
     def estimate_remaining(self, spec: RunSpec, since: float) -> float:
         """Return the time [s] that a run will still take, ``since`` [s] after its start.
 
-        A run that exceeds its expected time is assumed to need another half of the time that it has taken.
+        A run that has exceeded its expected time is assumed to take half as long again as it has taken so far.
         """
         left = self.estimate_run(spec) - since
         return left if left > 0.0 else since / 2.0
 
-    def estimate_left(self, running: Iterable[tuple[RunSpec, float]], waiting: Iterable[RunSpec], size: int) -> float:
-        """Return the time [s] until all runs have ended, ``size`` at a time.
+    def estimate_time_left(
+        self, running: Iterable[tuple[RunSpec, float]], waiting: Iterable[RunSpec], jobs: int
+    ) -> float:
+        """Return the time [s] until all runs have ended, with ``jobs`` runs at a time.
 
-        ``running`` pairs each run in progress with the time [s] since its start.
+        ``running`` pairs each run in progress with the time [s] since its start; ``waiting`` runs have not begun.
         """
         return schedule_end(
-            [self.estimate_remaining(*run) for run in running], [self.estimate_run(spec) for spec in waiting], size
+            [self.estimate_remaining(*run) for run in running], [self.estimate_run(spec) for spec in waiting], jobs
         )
 
-    def compute_done_share(self, running: Sequence[tuple[RunSpec, float]], waiting: Iterable[RunSpec]) -> float:
-        """Return the fraction of the work that is done, by seconds of runs, not by their number.
+    def compute_done_fraction(self, running: Sequence[tuple[RunSpec, float]], waiting: Iterable[RunSpec]) -> float:
+        """Return the fraction of the work that is done, measured by the time of runs, not by their number.
 
-        ``running`` pairs each run in progress with the time [s] since its start.
+        ``running`` pairs each run in progress with the time [s] since its start. Without any work it is 1.
         """
         done = self.spent - PRIOR + sum(since for _, since in running)
         left = sum(self.estimate_remaining(*run) for run in running) + sum(self.estimate_run(spec) for spec in waiting)
         return done / (done + left) if done + left > 0.0 else 1.0
 
 
-def schedule_end(running: Sequence[float], waiting: Sequence[float], size: int) -> float:
-    """Return the time [s] until the last run ends, if ``waiting`` runs start in order whenever fewer than ``size`` run.
+def schedule_end(running: Sequence[float], waiting: Sequence[float], jobs: int) -> float:
+    """Return the time [s] until the last run ends, if a waiting run starts whenever fewer than ``jobs`` run.
 
-    ``running`` are the times [s] that begun runs will still take, ``waiting`` those of the others.
+    ``running`` are the times [s] that the runs in progress will still take, ``waiting`` those of the others in order.
     """
-    free = [0.0] * max(size - len(running), 0) + list(running)
+    free = [0.0] * max(jobs - len(running), 0) + list(running)
     if not free:
         return 0.0
     heapq.heapify(free)
@@ -127,7 +129,10 @@ PREPARING = f"{REFERENCES} and {COMPILING}"
 
 
 def describe_wait(doing: str, elapsed: float, usual: float = 0.0) -> str:
-    """Describe the stage ``doing`` with the time left of ``usual`` [s] or, after that, the ``elapsed`` time [s]."""
+    """Describe a stage in words, such as ``compiling kernels: about 9 s left (...)``.
+
+    The time left is that of the ``usual`` duration [s]; once that is over, the ``elapsed`` time [s] is given.
+    """
     left = usual - elapsed
     if left > 0.0:
         return f"{doing}: about {format_duration(left)} left (this once, not counted in any run)"

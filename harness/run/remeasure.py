@@ -28,7 +28,7 @@ from ..results.column_digests import add_column_digests
 from ..results.provenance import read_environment
 from ..results.provisional import list_record_files
 from ..results.records import RunRecord, format_notes
-from ..results.series import LARGEST, MARKS, OTHER, POSES, Series, name_file
+from ..results.series import LARGEST, MARKS, OTHER, POSES, Series, name_series_file
 from .full_series import limit_steps, rebuild_spec
 from .runner import Request
 
@@ -94,7 +94,10 @@ class _KeptSeries:
 
 
 def find_outdated(records: Sequence[RunRecord], plugins: tuple[str, ...] = ()) -> list[RunRecord]:
-    """List the records that were measured by other code than the present, also those that lack a newer column."""
+    """Return the records whose measurements or runs were made by other code than the present.
+
+    Those that lack a newer column are among them. ``plugins`` are those of the runs.
+    """
     here = codes.read_column_digests().digest
     return [
         r for r in records if r.measured_by != here or r.code != codes.digest_run_code(r.problem, r.solver, plugins)
@@ -108,16 +111,17 @@ def replace_outdated(
     run: Callable[[Request], object],
     plugins: tuple[str, ...] = (),
 ) -> RemeasuredRuns:
-    """Solve the ``outdated`` runs of ``folder`` again, and replace their measurements; return which were replaced.
+    """Solve the ``outdated`` runs of ``folder`` again, and replace the measurements of those that have the same bits.
 
-    ``run`` executes a request, ``jobs`` runs at a time. Plugins of the runs must be loaded. Raise FileError where
-    another command writes to the folder.
+    Return which were replaced, and which were left and why; the table of the folder is written anew. ``run`` executes
+    a request, ``jobs`` runs at a time. Plugins of the runs must be loaded. Raise FileError if another command writes to
+    the folder.
     """
     done = RemeasuredRuns()
     with store.lock_folder(folder):
         done.set_aside = add_column_digests(folder, codes.read_column_digests())
         asked, specs = _list_asked(folder, plugins), dict[str, RunSpec]()
-        with open_sources() as folder_of:
+        with provide_commit_folders() as folder_of:
             for record in outdated:
                 try:
                     _check_origin(folder, record, plugins, folder_of)
@@ -142,9 +146,10 @@ def _remeasure_records(
     plugins: tuple[str, ...],
     done: RemeasuredRuns,
 ) -> None:
-    """Solve the runs ``some`` in the new folder ``place``, and replace the measurements of each that has the same bits.
+    """Solve the runs ``some`` again below ``place``, and replace the measurements of each that has the same bits.
 
-    ``specs`` are the runs to solve, by run_id; ``done`` gets the new records, and the reasons of runs that stay.
+    Runs whose files have every state and all others are solved separately. ``specs`` are the specs to solve, by run_id.
+    The new records, and the reasons why other runs stay as they are, are added to ``done``.
     """
     kept = {r.run_id: _inspect_series(r, store.read_run_series(folder, r, poses=False)) for r in some}
     for lossless in (False, True):
@@ -164,20 +169,23 @@ def _remeasure_records(
                 done.left.append((record, why))
             elif new is not None:
                 own = codes.digest_run_code(record.problem, record.solver, plugins)
-                done.records.append(_replace(folder, record, there, new, specs[record.run_id].address(own)))
+                done.records.append(_replace_record(folder, record, there, new, specs[record.run_id].address(own)))
 
 
 @contextmanager
-def open_sources() -> Iterator[Callable[[str], Path]]:
-    """Provide a function that returns the folder of a commit's code, which it extracts once into a temporary one.
+def provide_commit_folders() -> Iterator[Callable[[str], Path]]:
+    """Yield a function that returns a folder with the code of a commit, extracted from the repository.
 
-    The function raises ValueError if the repository does not have the commit.
+    The folders are temporary: they are removed at the end of the ``with`` block.
     """
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
         known = dict[str, Path]()
 
-        def read(commit: str) -> Path:
-            """Return the folder of ``commit``, extracted at the first call."""
+        def extract_commit(commit: str) -> Path:
+            """Return the folder with the code of ``commit``, which the first call extracts.
+
+            Raise ValueError if the repository does not have the commit.
+            """
             if commit not in known:
                 content = io.BytesIO(environment.archive_commit(commit))
                 root = Path(place) / commit
@@ -186,14 +194,14 @@ def open_sources() -> Iterator[Callable[[str], Path]]:
                 known[commit] = root
             return known[commit]
 
-        yield read
+        yield extract_commit
 
 
 def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...], folder_of: Callable[[str], Path]) -> None:
-    """Raise ValueError where a run cannot be measured again: it was killed, or more than the laws has changed.
+    """Raise ValueError if a run of ``folder`` cannot be measured again: it was killed, or more than laws has changed.
 
-    The plugins, and the code of its solver, problem and costs, must be those of the run. ``folder_of`` gives that
-    of a commit's code.
+    The plugins, and the code of its solver, its problem and what counts its cost, must be those of the run.
+    ``folder_of`` returns the folder with the code of a commit.
     """
     if record.series and not record.claimed:
         raise ValueError("its process was ended before its solver returned: run its suite again")
@@ -214,7 +222,8 @@ def _check_origin(folder: Path, record: RunRecord, plugins: tuple[str, ...], fol
 def _find_spec(record: RunRecord, asked: Mapping[str, RunSpec]) -> RunSpec:
     """Return the spec of a record's run with its limits, from the folder's own suite or, without one, from the record.
 
-    ``asked`` are the runs of that suite by ``settings_id``. Raise ValueError if it does not contain the run.
+    ``asked`` are the specs of that suite by ``settings_id``; empty without a suite. Raise ValueError if the suite does
+    not contain the run.
     """
     if not asked:
         return rebuild_spec(record)
@@ -229,9 +238,9 @@ def _make_row_lookup(rows: Mapping[str, tuple[str, ...] | None]) -> Callable[[Ru
 
 
 def _list_asked(folder: Path, plugins: tuple[str, ...]) -> Mapping[str, RunSpec]:
-    """Return the specs of the suite of which the folder has a copy, with their limits, by ``settings_id``.
+    """Return the specs of the suite whose copy is in the folder, with their limits, by ``settings_id``.
 
-    Empty if there is no copy, or one in an older format.
+    Empty if there is no copy, or only one in an older format.
     """
     copy = ConfinedPath(folder) / f"{OWN_COPY}.toml"
     if not copy.is_own_file():
@@ -248,7 +257,7 @@ def _solve_once(spec: RunSpec, record: RunRecord) -> RunSpec:
 
 
 def _inspect_series(record: RunRecord, series: Series | None) -> _KeptSeries:
-    """Return which steps, states and rows the series of a run has, as its new file must have the same."""
+    """Return what the new series file of a run must have, too: the steps, all states or not, and the same rows."""
     if series is None:
         return _KeptSeries()
     whole = not series.is_brief and len(series.arrays.get("state_t", ())) == record.steps + 1
@@ -256,7 +265,7 @@ def _inspect_series(record: RunRecord, series: Series | None) -> _KeptSeries:
 
 
 def _list_rows(series: Series) -> tuple[str, ...] | None:
-    """List the series that a brief file keeps row by row; return None for a file of every step."""
+    """Return the names of the series that a brief file keeps row by row; None for a file of every step."""
     if not series.is_brief:
         return None
     whole = len(series["t"])
@@ -266,10 +275,10 @@ def _list_rows(series: Series) -> tuple[str, ...] | None:
 
 
 def _find_difference(record: RunRecord, steps: str, new: RunRecord | None, there: Path) -> str:
-    """Return how the repeated run differs from the record; empty if it does not.
+    """Return in words how the repeated run differs from the record; empty if it does not.
 
-    ``steps`` is the digest of the record's steps, ``new`` the record of the repeated run in the folder ``there``. A
-    status that follows from the same steps may differ, since another law judges them; without steps it may not.
+    ``steps`` is the digest of the record's steps, ``new`` the record of the repeated run in the folder ``there``, None
+    without one. The status of equal steps may differ, since another law judges them; without steps it may not.
     """
     if new is None:
         return "it has no result when solved again"
@@ -282,11 +291,11 @@ def _find_difference(record: RunRecord, steps: str, new: RunRecord | None, there
     return ""
 
 
-def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_id: str) -> RunRecord:
+def _replace_record(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_id: str) -> RunRecord:
     """Replace ``record`` in ``folder`` by one with the measurements of ``new`` in the folder ``there``; return it.
 
-    The files of ``record`` are set aside first. The columns ``KEPT`` stay, as does the status of a run that did not
-    claim success; ``run_id`` is the new address.
+    The files of ``record`` are set aside first; its standard error is copied. The columns ``KEPT`` stay, as does the
+    status of a run that did not claim success. ``run_id`` is that of the new record.
     """
     judged = record.claimed == Status.SUCCESS
     status: dict[str, Any] = {} if judged else {"status": record.status, "wrong_because": "[]"}
@@ -294,7 +303,7 @@ def _replace(folder: Path, record: RunRecord, there: Path, new: RunRecord, run_i
     files: dict[str, Any] = {"series": "", "stderr": ""}
     contents = dict[str, bytes]()
     if new.series:
-        files["series"] = name_file(run_id, brief=new.series.endswith(".xz"))
+        files["series"] = name_series_file(run_id, brief=new.series.endswith(".xz"))
         contents[files["series"]] = (ConfinedPath(there) / new.series).read(LARGEST)
     if record.stderr:
         files["stderr"] = f"stderr/{run_id}.txt"

@@ -48,9 +48,10 @@ def run_one(
     """Solve in a separate process with the limits of ``job``, measure in this one, and return the outcome.
 
     This process must do nothing else: it adopts orphans, handles SIGTERM, by which a suite ends the solver at its
-    limit, and is itself limited to ``measure_limit`` [s] of CPU time. ``send`` receives how the solver's process ended.
-    ``soft`` is the fraction of its limit at which the solver is asked to stop. Raise NotBegunError where the solver's
-    process could not begin, OSError where the disk is full.
+    limit, and is itself limited to ``measure_limit`` [s] of CPU time. ``send`` is called with a line when the solver's
+    process has begun, and with the record of how it ended. ``soft`` is the fraction of its limit on CPU time at which
+    the solver is asked to stop. Raise NotBegunError if the solver's process could not begin, OSError if the disk is
+    full.
     """
     began, stopped = time.monotonic(), list[int]()
     signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
@@ -64,7 +65,7 @@ def run_one(
     listen_to_numba()  # measuring needs numba anyway, and the solver's process then inherits it
 
     def solve(send: Send) -> None:
-        """Solve in the solver's process, of which the parent adopts and counts what it starts."""
+        """Solve in the solver's process; processes that it starts are adopted and counted by its parent."""
         set_subreaper(os.getppid())
         solve_job(job, soft, problem)
 
@@ -79,13 +80,13 @@ def run_one(
         above="here",
         code=CODE_LIMIT,
     )
-    told = list[bool]()
+    reported = list[bool]()
 
     def is_unwanted() -> bool:
-        """Report once that the solver has begun; return whether the run is to be ended."""
-        if process.begun and not told:
+        """Return whether the run is to be ended; report once that the solver's process has begun."""
+        if process.begun and not reported:
             send(f"{SOLVING} 1")
-            told.append(True)
+            reported.append(True)
         return bool(stopped)
 
     ended = process.wait_for_end(is_unwanted)
@@ -114,7 +115,7 @@ def run_one(
 
 
 def store_outcome(job: Job, outcome: Outcome) -> RunRecord:
-    """Write series and record into the results folder, remove temporary files, and return the record."""
+    """Write series and record of a run into its results folder, remove its temporary files, and return the record."""
     record = write_outcome(job, outcome)
     store.write_record(job.folder, record)
     for rest in (job.handover, job.spool):
@@ -123,7 +124,10 @@ def store_outcome(job: Job, outcome: Outcome) -> RunRecord:
 
 
 def run_and_store(job: Job, send: Send, store: Store, problem: Problem | None = None, **limits: float) -> None:
-    """Run a job by ``run_one`` with these ``limits``, ``store`` its outcome, and send the record."""
+    """Run a job by ``run_one``, pass its outcome to ``store``, and send the record that this returns.
+
+    ``limits`` are the keywords ``soft`` and ``measure_limit`` of ``run_one``.
+    """
     send_record(send, STORED, store(run_one(job, send, problem, **limits)))
 
 
@@ -138,9 +142,10 @@ def describe_error(error: OSError) -> str:
 
 
 def measure_kept_steps(job: Job, bare: RunRecord, send: Send, store: Store, problem: Problem | None) -> None:
-    """Measure the kept steps of a run whose process ended before it could; ``store`` the outcome and send its record.
+    """Measure the steps kept by a run whose process ended before it could; pass the outcome to ``store``.
 
-    ``bare``, the record of how the process ended, is sent first. This process is limited from then on.
+    ``bare``, the record of how the process ended, is sent first, the record that ``store`` returns at the end. This
+    process is limited in memory and CPU time from then on.
     """
     send_record(send, MEASURING, bare)
     job.handover.remove_file(missing_ok=True)
@@ -180,17 +185,20 @@ class RunProcess(ForkedProcess):
         self.solving, self.unbegun = salvages, ""  # whether its solver has begun, or why it has not
 
     def check_end(self) -> ProcessEnd | None:
-        """Return how the process ended, None while it runs; limit the wall time of measuring once that has begun."""
+        """Return how the process ended, None while it runs.
+
+        As soon as it reports that it measures, a limit on the wall time of measuring is set.
+        """
         ended = super().check_end()
         if ended is None and not self.measuring and f"\n{MEASURING} " in f"\n{self.read_lines()}":
             self.measuring, self.deadline = True, time.monotonic() + self.measure_limit
         return ended
 
     def measure_partial(self, bare: RunRecord, store: Store, problem: Problem | None = None) -> "RunProcess | None":
-        """Start a process that measures the steps that this run kept, and return it; None if it cannot.
+        """Start a process that measures the steps that this run kept, and return it.
 
-        That is so if measuring had begun, or no steps were kept. ``bare`` is the record of how the run ended, ``store``
-        writes the outcome.
+        Return None if measuring had begun already, or if no steps were kept. ``bare`` is the record of how the run
+        ended; ``store`` writes the outcome and returns its record.
         """
         if self.salvages or self.measuring or not self.job.spool.is_own_file():
             return None
@@ -202,7 +210,7 @@ class RunProcess(ForkedProcess):
         return RunProcess(self.job, work, STOPPED_MEASURE_LIMIT, salvages=True)
 
     def stop(self) -> None:
-        """End the solver, as its suite has reached its limit; leave little time to measure the steps it had kept."""
+        """End the solver, as its suite has reached its limit; limit the time to measure the steps that it had kept."""
         self.stopped = True
         if not self.measuring:
             os.kill(self.pid, signal.SIGTERM)
@@ -211,11 +219,12 @@ class RunProcess(ForkedProcess):
             self.deadline = min(self.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
 
     def read_outcome(self, ended: ProcessEnd) -> tuple[RunRecord, bool]:
-        """Return the run's record, and whether the process itself stored it.
+        """Return the run's record, and whether the process itself stored it; ``ended`` is how the process ended.
 
-        Raise OSError where the disk is full, ``NotBegunError`` where its solver did not begin.
+        If it sent no record, one is made from ``ended``. Raise OSError if the disk is full, NotBegunError if its solver
+        did not begin, FileError if it sent what is not its record.
         """
-        sent = self._read(ended.sent)
+        sent = self._read_records(ended.sent)
         self.measuring = MEASURING in sent
         if ended.code == 0 and STORED in sent:
             return sent[STORED], True
@@ -236,11 +245,11 @@ class RunProcess(ForkedProcess):
         late = dataclasses.replace(ended, killed=ended.at_limit)
         return record_unfinished(self.job, late, wall, EndCause.MEASURE_LIMIT, self.measure_limit), False
 
-    def _read(self, sent: str) -> dict[str, RunRecord]:
-        """Return the records in the complete lines of ``sent``, keyed by ``MEASURING`` or ``STORED``.
+    def _read_records(self, sent: str) -> dict[str, RunRecord]:
+        """Return the records in the complete lines of ``sent``, by ``MEASURING`` or ``STORED``.
 
-        Whether the solver has begun, or why not, is stored in ``solving`` and ``unbegun``. Raise FileError unless the
-        records are those of this run, once and in this order.
+        Set ``solving`` and ``unbegun``, by which the solver has begun or has not, and why. Raise FileError unless the
+        records are those of this run, each once and in this order.
         """
         lines = [line.partition(" ")[::2] for line in sent.split("\n")[:-1]]
         ahead = dict(line for line in lines if line[0] in (SOLVING, UNBEGUN))

@@ -50,8 +50,8 @@ SUMMARY = (  # columns of the record that the file has too
 def write_run(path: Path, outcome: Outcome) -> RunRecord:
     """Write the file of a run, completely or not at all; return the record with its path and number of rows.
 
-    A run without a motion (refused, or ended before its first step) gets the start as its only row. The arrays are
-    listed in ``docs/results-format.md``.
+    A run without a motion (refused, or ended before its first step) gets the start as its only row, or no bodies if its
+    problem cannot be measured. The arrays are listed in ``docs/results-format.md``.
     """
     problem, record = outcome.problem, outcome.record
     trajectory, m = outcome.trajectory, outcome.measured
@@ -85,7 +85,7 @@ def write_run(path: Path, outcome: Outcome) -> RunRecord:
 
 
 def write_without_motion(path: Path, record: RunRecord) -> RunRecord:
-    """Write the file of a run whose problem cannot be measured, with one row and no bodies; return its record."""
+    """Write the file of a run without a measured motion, with one row and no bodies; return its record."""
     nothing, one = np.full(1, np.nan), (1, 0, 3)
     arrays = {
         "t": np.zeros(1),
@@ -112,7 +112,10 @@ def _list_scalars(record: RunRecord) -> dict[str, np.ndarray]:
 
 
 def read_run(path: Path) -> tuple[RunRecord, Trajectory]:
-    """Return the record and the trajectory in ``path``; raise ValueError with a message of one line otherwise."""
+    """Return the record and the trajectory in the NPZ file of a run.
+
+    Raise ValueError, with a message of one line, if it is no such file or of another version.
+    """
     try:
         arrays = read_npz(path, LARGEST)
         record = parse_record_json(str(arrays["record"]))

@@ -27,7 +27,7 @@ from . import origin
 from .job import Job
 from .pool import LocalPool, PoolError, TimeLimit
 from .protocol import Supervised
-from .started_runs import StartedRuns, is_same, list_foreign
+from .started_runs import StartedRuns, is_as_expected, list_foreign_files
 
 
 class Executor(Protocol):
@@ -84,9 +84,9 @@ class Request:
 
 
 def choose_pool(address: str | None = None, environ: Mapping[str, str] | None = None) -> Callable[..., Executor]:
-    """Return what makes the executor of jobs: local processes, or the cluster's workers at ``address``.
+    """Return the constructor of an executor: local processes or, with an ``address``, the workers of that cluster.
 
-    ``environ`` has additional variables for local processes.
+    ``environ`` are additional environment variables for local processes.
     """
     if address is None:
         return partial(LocalPool, environ=environ or {})
@@ -97,9 +97,10 @@ def choose_pool(address: str | None = None, environ: Mapping[str, str] | None = 
 
 @contextlib.contextmanager
 def begin_local_pool() -> Iterator[Callable[..., Executor]]:
-    """Start a process of a local pool, and yield what makes the pool.
+    """Start the supervisor process of a local pool, and yield the constructor of that pool.
 
-    The process loads its modules while the caller reads the suite and estimates times.
+    The process loads its modules while the caller reads the suite and estimates times. At the end of the ``with`` block
+    it is killed if it was not used.
     """
     ahead = Supervised()
     try:
@@ -109,10 +110,11 @@ def begin_local_pool() -> Iterator[Callable[..., Executor]]:
 
 
 def run_suite(request: Request, watcher: SuiteObserver) -> LoadedResults:
-    """Run what is not done yet; return the records of this suite's runs, with damaged files listed separately.
+    """Run the runs that have no valid record yet; return the records of the request's runs, and the files set aside.
 
-    ``watcher`` is called as runs start and end. Raise FileError where the folder has results that are not to be
-    continued, and PoolError where runs have no result, or where results changed while the suite ran.
+    Damaged, foreign, outdated and provisional results are moved to ``set_aside/`` first; the stamp, the suite and the
+    table are written. ``watcher`` is called as runs start and end. Raise FileError if the folder holds results and the
+    request does not resume, and PoolError if runs have no result, or if results were changed while the suite ran.
     """
     folder, total = request.folder, request.suite.total_limit
     limit = TimeLimit(total) if total else None
@@ -135,8 +137,9 @@ def run_suite(request: Request, watcher: SuiteObserver) -> LoadedResults:
         done = {r.run_id for r in before.records} - {path.stem for path in again}
         waiting = [replace(job, alone=job.id in killed) for job in jobs if job.id not in done]
         watcher.begin(folder, len(jobs), waiting, {**damaged, **again})
-        promised: dict[str, RunRecord | None] = {r.run_id: r for r in before.records if r.run_id in done}
-        begun.begin(promised)
+        # by run_id, the record that must be on disk at the end; None if the one that was written is gone or replaced
+        expected_records: dict[str, RunRecord | None] = {r.run_id: r for r in before.records if r.run_id in done}
+        begun.begin(expected_records)
 
         def note_start(job: Job) -> None:
             """Record on disk that a run begins, then report it to the watcher."""
@@ -144,19 +147,27 @@ def run_suite(request: Request, watcher: SuiteObserver) -> LoadedResults:
             watcher.on_start(job)
 
         def note_end(job: Job, sha256: str) -> None:
-            """Note and report the record of a run that ended, if it has the digest that the supervisor reported."""
-            promised[job.id] = None
-            with contextlib.suppress(FileError):  # removed already: counted at the end
+            """Enter the record of a run that ended in ``expected_records``, and report it to the watcher.
+
+            At the end of the suite the record on disk must equal it. If the record is missing, or its digest is not
+            ``sha256``, which the supervisor reported, then nothing is reported, None is entered, and the run counts as
+            lost.
+            """
+            expected_records[job.id] = None
+            with contextlib.suppress(FileError):  # removed already
                 record = store.read_record(store.locate_record(folder, job.id))
                 # otherwise something else has replaced the record that the supervisor stored
-                if store.read_digest(record) == sha256:
-                    promised[job.id] = record
+                if store.digest_record(record) == sha256:
+                    expected_records[job.id] = record
                     watcher.on_end(job, record)
 
         def collect_results() -> LoadedResults:
-            """Set foreign records aside, write the table of the suite, and return the results of its runs."""
+            """Set foreign records aside, write the table of the suite, and return the results of the requested runs.
+
+            The list of started runs is removed, and ``latest`` is set if that is requested.
+            """
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
-            now = _set_foreign_aside(folder, now, lambda r: is_same(r, promised.get(r.run_id)))
+            now = _set_foreign_aside(folder, now, lambda r: is_as_expected(r, expected_records.get(r.run_id)))
             begun.end()
             loaded = LoadedResults(tuple(r for r in now.records if r.run_id in own), {**damaged, **now.unreadable})
             store.write_table(folder, tuple(r for r in now.records if r.settings_id in whole))
@@ -172,7 +183,7 @@ def run_suite(request: Request, watcher: SuiteObserver) -> LoadedResults:
             raise
         loaded = collect_results()
         there = {r.run_id: r for r in loaded.records}
-        ours = {i: r for i, r in promised.items() if i in own}
+        ours = {i: r for i, r in expected_records.items() if i in own}
         lost = [i for i, r in ours.items() if r is None or not stamps.is_intact(folder, r, there.get(i))]
         if lost:
             raise PoolError(
@@ -194,8 +205,11 @@ def run_suite(request: Request, watcher: SuiteObserver) -> LoadedResults:
 
 
 def _set_foreign_aside(folder: Path, loaded: LoadedResults, is_ours: Callable[[RunRecord], bool]) -> LoadedResults:
-    """Set aside the records that no run of this suite wrote, with their files; return the results without them."""
-    foreign = list_foreign(folder, [r for r in loaded.records if not is_ours(r)])
+    """Set aside the records for which ``is_ours`` returns False, with their files; return the results without them.
+
+    The record files are listed as unreadable, with the reason.
+    """
+    foreign = list_foreign_files(folder, [r for r in loaded.records if not is_ours(r)])
     store.set_aside(folder, _join_files(foreign))
     first = _list_first(foreign)
     gone = {path.stem for path in first}
@@ -209,12 +223,15 @@ def _join_files(found: Sequence[Mapping[Path, str]]) -> dict[Path, str]:
 
 
 def _list_first(found: Sequence[Mapping[Path, str]]) -> dict[Path, str]:
-    """Return the first file of each record, its own, with the reason."""
+    """Return the first file of each record, which is the record itself, with the reason."""
     return dict(next(iter(files.items())) for files in found if files)
 
 
 def list_waiting(request: Request) -> list[RunSpec]:
-    """List the runs that ``run_suite`` would run, those without a record of this code; nothing is changed."""
+    """Return the specs that ``run_suite`` would run, those without a record of this code; nothing is changed.
+
+    Without ``resume``, or in a folder without results, these are all runs of the request.
+    """
     there = store.is_results(request.folder) and request.resume
     records = store.load(request.folder, check_series=False).records if there else ()
     done = {r.run_id for r in records if not is_provisional(r)}
@@ -225,8 +242,8 @@ def list_waiting(request: Request) -> list[RunSpec]:
 def _make_jobs(request: Request, folder: Path, where: str) -> list[Job]:
     """Return a job for each requested run, with the digest of the code that its numbers come from.
 
-    Of the suite's runs those of the included suite ``only`` are requested, of these those of the shard, and of these
-    the first ``limit``. ``where`` names the environment in records.
+    From the runs of the suite, or of the included suite ``only``, the request takes those of its shard, and of these
+    the first ``limit``. ``where`` is the digest by which records name their environment.
     """
     suite, (shard, shards) = request.suite, request.shard
     part = [s for s in suite.specs if request.only is None or s.settings_id in suite.parts[request.only]]
@@ -253,9 +270,9 @@ def _make_jobs(request: Request, folder: Path, where: str) -> list[Job]:
 
 
 def _set_outdated_aside(folder: Path, jobs: Sequence[Job], records: Sequence[RunRecord]) -> dict[Path, str]:
-    """Set aside the results of these jobs that other code or other limits produced, since they are run again.
+    """Set aside the results of these jobs that were made by other code or with other limits: they are run again.
 
-    Return the record file of each, with the reason.
+    Return the record file of each with the reason.
     """
     own = {job.spec.settings_id: job for job in jobs}
     old = [r for r in records if r.settings_id in own and r.run_id != own[r.settings_id].id]
@@ -268,21 +285,21 @@ def _set_outdated_aside(folder: Path, jobs: Sequence[Job], records: Sequence[Run
 
 
 def _set_aside_provisional(
-    folder: Path, specs: set[str], records: Sequence[RunRecord]
+    folder: Path, run_ids: set[str], records: Sequence[RunRecord]
 ) -> tuple[dict[Path, str], set[str]]:
-    """Set aside records, of the run_ids ``specs``, that only say how an earlier attempt at a run ended.
+    """Set aside those records of the runs ``run_ids`` that are provisional (``is_provisional``).
 
-    Return their files, and the run_ids to run alone: those that were killed. A run that is killed again although it ran
-    alone keeps its record as the result, since it may be the cause.
+    Return the record files with the reasons, and the run_ids that are to run alone: those that were killed. A run that
+    was killed again although it ran alone keeps its record as the result, since it may be the cause.
     """
-    found = [r for r in records if r.run_id in specs and is_provisional(r) and not _was_killed_twice(folder, r)]
+    found = [r for r in records if r.run_id in run_ids and is_provisional(r) and not _was_killed_twice(folder, r)]
     files = [list_record_files(folder, r) for r in found]
     store.set_aside(folder, _join_files(files))
     return _list_first(files), {r.run_id for r in found if r.ended_by == EndCause.KILLED}
 
 
 def _was_killed_twice(folder: Path, record: RunRecord) -> bool:
-    """Return whether a run was killed from outside, and also in the earlier attempt that was set aside."""
+    """Return whether a run was killed from outside, as was its earlier attempt, whose record is in ``set_aside/``."""
     if record.ended_by != EndCause.KILLED:
         return False
     with contextlib.suppress(FileError):
@@ -315,9 +332,9 @@ def _has_content(place: ConfinedPath, text: str) -> bool:
 
 
 def _write_stamp(request: Request) -> tuple[str, dict[str, str]]:
-    """Write ``environment.json``, ``suite.toml`` and the suites that it includes; keep an earlier stamp beside.
+    """Write ``environment.json``, ``suite.toml`` and the suites that it includes; keep a copy of an earlier stamp.
 
-    Return how records name this environment, and the texts that were written, by file name.
+    Return the digest by which records name this environment, and the texts that were written, by file name.
     """
     folder, suite = request.folder, request.suite
     stamp = origin.describe_environment(folder.name, suite.name, request.jobs, suite.plugins)

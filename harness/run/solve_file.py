@@ -36,18 +36,19 @@ Say = Callable[[str, str], None]  # text and the end of its line; text before a 
 def solve_to_file(
     spec: RunSpec, out: Path, cpu_limit: float | None, say: Say | None = None, problem: Problem | None = None
 ) -> tuple[RunRecord, str]:
-    """Run ``spec``, write ``out``, and return the record with the last 2000 characters of standard error.
+    """Run ``spec``, write the NPZ file ``out``, and return the record and the last 2000 characters of standard error.
 
     A run that crashes or is killed leaves a file with the steps it had kept; an interrupt ends the run and leaves
-    ``out`` as it was, complete or absent. ``cpu_limit`` [s] None is no limit. ``say`` receives reports of what takes
-    long. ``problem`` is that of ``spec``, if it exists already; its reference and observables are used in other
+    ``out`` as it was, complete or absent. ``cpu_limit`` [s] is the limit of the run, None for no limit; with a limit,
+    code is compiled and the reference computed before the run begins. ``say`` receives reports of stages that take
+    long. ``problem`` is that of ``spec``, if it exists already; its reference and observables are evaluated in other
     processes only.
     """
     with tempfile.TemporaryDirectory() as place:
         limit = math.inf if cpu_limit is None else cpu_limit
         job = Job(dataclasses.replace(spec, cpu_limit=limit), Path(place))
         job.stderr.parent.make_folder()
-        patience = _WaitReport(say, lambda: predict_times([spec], 1).once, lambda: _read_time(job, problem))
+        patience = _WaitReport(say, lambda: predict_times([spec], 1).once, lambda: _describe_progress(job, problem))
         if cpu_limit is not None:  # the limit applies to the run: compute the reference and compile before it starts
             patience.begin_task(PREPARING)
             fill_caches(list_runs_to_warm([spec]), [job], patience.report_wait)
@@ -65,7 +66,7 @@ def solve_to_file(
             return write_run(out, dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, stderr="")))
 
         def finish(process: RunProcess) -> tuple[RunRecord, bool]:
-            """Wait for the end of a process; return its record, and whether it wrote the file.
+            """Wait for the end of a process; return the record of the run, and whether the process wrote the file.
 
             The partial file of a process that was interrupted while writing is removed.
             """
@@ -90,12 +91,12 @@ def solve_to_file(
 
 
 def _name_stage(heard: str) -> str:
-    """Return the stage of a run by the lines ``heard`` from its process: compiling, running or measuring."""
+    """Return the stage of a run from the text ``heard`` from its process so far: compiling, running or measuring."""
     return next((stage for stage in (MEASURING, RUNNING) if f"\n{stage}" in f"\n{heard}"), COMPILING)
 
 
-def _read_time(job: Job, problem: Problem | None) -> str:
-    """Describe the simulated time of the last step that the run in progress has kept; empty if it is unknown."""
+def _describe_progress(job: Job, problem: Problem | None) -> str:
+    """Describe how far the run in progress has simulated, by the last step in its spool file; empty if unknown."""
     if problem is None:
         return ""
     row = 8 * (1 + NUMBERS * problem.system.nb)  # [bytes] of a step, which begins with its time
@@ -120,7 +121,10 @@ class _WaitReport:
         self.say, self.usual, self.reached, self.doing = say, usual, reached, ""
 
     def begin_task(self, doing: str) -> bool:
-        """Note the stage that begins, and report it if it takes long; return False, so that the wait continues."""
+        """Set the present stage, from which a new one begins, and report it if it takes long.
+
+        Return False, so that the wait continues.
+        """
         if doing != self.doing:
             self.doing, self.began = doing, time.monotonic()
             self.due = EVERY if doing == RUNNING else PATIENCE

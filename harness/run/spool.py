@@ -47,9 +47,10 @@ class FileSpool:
         return self._asked >= self._next
 
     def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
-        """Append the steps at ``t`` [s] to the file as a block and set when the next is due; drop them once it is full.
+        """Append the steps at ``t`` [s] with their ``states`` to the file, and set when the next block is due.
 
-        ``states`` are those at ``t``. Some solvers pass the start as the first, some do not.
+        Once the file is full, steps are dropped and no block is due any more. Some solvers pass the start as the first
+        step, some do not.
         """
         began = min(self._asked or time.monotonic(), time.monotonic())
         block = np.concatenate(
@@ -67,9 +68,9 @@ class FileSpool:
 
 
 def read_spool(path: Path | ConfinedPath, problem: Problem, status: Status, message: str) -> Trajectory | None:
-    """Read the steps of a spool file as a trajectory of ``problem``, from its start; None if there are none.
+    """Return the steps of a spool file as a trajectory of ``problem`` that begins with its start; None without steps.
 
-    ``status`` and ``message`` are those to give it: how the run that wrote the file ended.
+    ``status`` and ``message`` say how the run that wrote the file ended, and become those of the trajectory.
     """
     nb = problem.system.nb
     place = confine_path(path)

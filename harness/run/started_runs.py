@@ -33,7 +33,7 @@ class StartedRuns:
         self.place.write("".join(f"{run_id}\n" for run_id in sorted(runs)))
 
     def add(self, run_id: str) -> None:
-        """Add a run that begins; on a full disk it is only missing from the list."""
+        """Add a run that begins to the list on disk; if it cannot be written, the run is missing there and goes on."""
         with contextlib.suppress(OSError), self.place.open_file(os.O_WRONLY | os.O_APPEND) as file:
             file.write(f"{run_id}\n".encode())
             file.flush()
@@ -45,11 +45,14 @@ class StartedRuns:
             self.place.remove_file(missing_ok=True)
 
 
-def is_same(found: RunRecord, promised: RunRecord | None) -> bool:
-    """Return whether a record equals ``promised``: the one that the supervisor reported, or that existed before."""
-    return promised is not None and format_record(found) == format_record(promised)
+def is_as_expected(found: RunRecord, expected: RunRecord | None) -> bool:
+    """Return whether the record ``found`` on disk equals the one that the supervisor reported or that existed before.
+
+    That one is ``expected``; False if there is none.
+    """
+    return expected is not None and format_record(found) == format_record(expected)
 
 
-def list_foreign(folder: Path, records: Iterable[RunRecord]) -> list[dict[Path, str]]:
-    """Return, for each record that something else wrote, its files with that reason."""
+def list_foreign_files(folder: Path, records: Iterable[RunRecord]) -> list[dict[Path, str]]:
+    """Return, for each of these records, which no runner's run wrote, its files with that reason for setting aside."""
     return [list_record_files(folder, r, WHY) for r in records]

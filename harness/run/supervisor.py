@@ -43,7 +43,7 @@ class Supervisor:
         self.code_before = 0.0  # [s] of CPU in warm-up, and for code generation of runs that have ended
 
     def start(self, job: Job) -> None:
-        """Start a process for the run; ``step`` reports its end."""
+        """Start the process of a run; ``step`` reports its end."""
         problem = _create_problem(job)
         keep = partial(store_outcome, job)
         run = RunProcess(job, lambda send: run_and_store(job, send, keep, problem), stderr=_name_stderr(job))
@@ -52,7 +52,8 @@ class Supervisor:
     def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[RunEnded]:
         """Wait up to ``timeout`` [s] for runs or ``inputs``, enforce the limits, and yield the runs that have ended.
 
-        ``inputs`` are further descriptors that end the wait. Processes that ended runs have left behind are killed.
+        ``inputs`` are further descriptors that end the wait when they can be read. Processes that ended runs have left
+        behind are killed.
         """
         ending = any(r.closed_at and time.monotonic() - r.closed_at < 1.0 for r in self.running.values())
         pipes = [r.pipe for r in self.running.values() if not r.closed_at]
@@ -66,7 +67,11 @@ class Supervisor:
                     yield done
 
     def _finish(self, run: RunProcess, ended: ProcessEnd) -> RunEnded | None:
-        """Ensure that an ended run has a record, and return the news; None while its kept steps are being measured."""
+        """Ensure that an ended run has a record, and return the report of its end.
+
+        If its process left no record, one is written, and another process is started to measure the steps that the run
+        had kept, if any: None is returned until that has ended.
+        """
         job = run.job
         try:
             trim_output(_name_stderr(job))
@@ -80,7 +85,7 @@ class Supervisor:
             return RunEnded(job.id, error=f"cannot write to {job.folder}: {error.strerror or error}")
         except NotBegunError as error:
             return RunEnded(job.id, unbegun=str(error))
-        return RunEnded(job.id, store.read_digest(record))
+        return RunEnded(job.id, store.digest_record(record))
 
     @property
     def code_seconds(self) -> float:
@@ -100,9 +105,10 @@ class Supervisor:
 
 
 def _create_problem(job: Job) -> Problem | None:
-    """Return one of our own problems, created once here for all of its runs, which inherit it untouched; else None.
+    """Return the problem of a job, created once in this process for all runs of it; their forks inherit it untouched.
 
-    A problem of a plugin, or in a file of a mechanism, is created where limits hold.
+    Return None for a problem that is not our own, as a plugin's code or a mechanism's file is loaded where limits hold,
+    and for one that cannot be created.
     """
     spec = job.spec
     if job.plugins or not registry.is_own_problem(spec.problem):
@@ -118,7 +124,10 @@ def _name_stderr(job: Job) -> ConfinedPath:
 
 
 def read_outcome(run: RunProcess, ended: ProcessEnd) -> tuple[RunRecord, bool]:
-    """Return the run's ``outcome``; ignore what a solver wrote into its parent's pipe without being a record."""
+    """Return the run's record, and whether the process itself stored it, as ``RunProcess.read_outcome`` does.
+
+    What a solver wrote into the pipe to the parent process, and is no record, is ignored.
+    """
     try:
         return run.read_outcome(ended)
     except FileError:
@@ -127,21 +136,21 @@ def read_outcome(run: RunProcess, ended: ProcessEnd) -> tuple[RunRecord, bool]:
 
 
 def serve(orders: int, news: int) -> None:
-    """Carry out the orders from the descriptor ``orders`` and write news to ``news``; return at the end of orders.
+    """Carry out the orders read from the descriptor ``orders``, and write reports to the descriptor ``news``.
 
-    Runs that are still in progress then are killed.
+    Return when ``orders`` is closed; runs that are still in progress then are killed.
     """
     protect_process()
     adopt_orphans()
     supervisor, reader = Supervisor(), Reader(Order)
-    told = 0.0
+    reported = 0.0  # [s] of warm-up and code generation in the last report
     os.set_blocking(orders, False)
     try:
         while True:
             for done in list(supervisor.step(POLL if supervisor.running else 3600.0, (orders,))):
                 os.write(news, encode_message(done))
-            if supervisor.code_seconds > told + NEWS:
-                os.write(news, encode_message(CodeTime(told := supervisor.code_seconds)))
+            if supervisor.code_seconds > reported + NEWS:
+                os.write(news, encode_message(CodeTime(reported := supervisor.code_seconds)))
             try:
                 chunk = os.read(orders, 2**16)
             except BlockingIOError:
@@ -159,7 +168,7 @@ def serve(orders: int, news: int) -> None:
                             lambda times, references: os.write(news, encode_message(WarmUpTimes(times, references))),
                         )
                         supervisor.code_before += cpu_seconds_below(os.getpid()) - before
-                        os.write(news, encode_message(CodeTime(told := supervisor.code_seconds)))
+                        os.write(news, encode_message(CodeTime(reported := supervisor.code_seconds)))
                         os.write(news, encode_message(WarmUpTimes({}, {}, over=True)))
                     case StopOrder():
                         supervisor.stop()
@@ -177,16 +186,16 @@ def serve(orders: int, news: int) -> None:
 
 
 def _is_closed(descriptor: int) -> bool:
-    """Return whether no process can write to this pipe any more."""
+    """Return whether the pipe with this descriptor has no writer any more."""
     poll = select.poll()
     poll.register(descriptor, select.POLLHUP)
     return any(event & select.POLLHUP for _, event in poll.poll(0))
 
 
 def preload() -> None:
-    """Import what runs need, so that forks inherit the modules, and exempt them from garbage collection.
+    """Import all problems, solvers and readers, so that forks inherit them, and exempt them from garbage collection.
 
-    Otherwise the collector would write to their pages in each fork, which copies them.
+    Otherwise the collector would write to their memory pages in each fork, which would copy them.
     """
     import gc
 

@@ -35,11 +35,11 @@ STAND_INS = ("heavy_top", "spring_pendulum")  # in place of problems of plugins,
 
 
 def list_runs_to_warm(specs: Sequence[RunSpec], problem: Problem | None = None) -> list[RunSpec]:
-    """Return a short run for each combination of own solver, options, and with or without springs in ``specs``.
+    """Return the shortened runs that must be solved to compile all kernels that ``specs`` need.
 
-    A kernel is compiled once for all systems. Which kernels a run enters depends on its options and on springs, but not
-    on the value of a tolerance, a penalty or a gain that is not zero. ``problem`` stands for the problem of its name,
-    which is then not created again.
+    There is one for each combination of own solver, options, and with or without springs: a kernel is compiled once for
+    all systems, and which kernels a run enters depends on these alone, not on the value of a tolerance, a penalty or a
+    gain that is not zero. ``problem`` is used in place of creating the problem of its name again.
     """
     first: dict[str, RunSpec] = {}
     sprung: dict[str, bool] = {}
@@ -49,6 +49,7 @@ def list_runs_to_warm(specs: Sequence[RunSpec], problem: Problem | None = None) 
             sprung[spec.problem] = _has_springs(spec, problem)
         t_end = SHORT if spec.control.dt is None else STEPS * spec.control.dt
         options = {k: v != 0.0 if isinstance(v, float) else v for k, v in spec.options.items()}
+        # runs with equal keys enter the same kernels
         key = json.dumps([spec.solver, options, sprung[spec.problem]], sort_keys=True, default=list)
         first.setdefault(key, dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end}))
     return _interleave_solvers(list(first.values()))
@@ -57,7 +58,7 @@ def list_runs_to_warm(specs: Sequence[RunSpec], problem: Problem | None = None) 
 def _interleave_solvers(specs: list[RunSpec]) -> list[RunSpec]:
     """Return the specs reordered so that each solver comes once before any comes again.
 
-    Runs of one solver with different options need the same kernels: apart in time, the later ones find them compiled.
+    Runs of one solver with different options share kernels: if the later ones come later, they find them compiled.
     """
     counted = Counter[str]()
     turns = []
@@ -77,7 +78,7 @@ def _list_stand_ins(spec: RunSpec) -> list[RunSpec]:
 def _has_springs(spec: RunSpec, problem: Problem | None) -> bool:
     """Return whether a run's problem has springs; False if it cannot be created.
 
-    ``problem``, if it has that name, is used instead of creating it.
+    ``problem`` is used, instead of creating one, if it has the name of the run's problem.
     """
     try:
         made = problem if problem and problem.name == spec.problem else None
@@ -89,8 +90,8 @@ def _has_springs(spec: RunSpec, problem: Problem | None) -> bool:
 def warm_up(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, float]:
     """Solve each spec in this process, so that all code it needs is compiled and loaded here; ignore failures.
 
-    Specs of the problem ``made`` use it with their own ``t_end``. Return the wall times [s] by solver, without those
-    that failed.
+    ``made`` is a problem that exists already; specs of its name use it, with their own ``t_end``. Return the wall times
+    [s] by solver, without those that failed.
     """
     out = {}
     for spec in specs:
@@ -111,20 +112,20 @@ def warm_up(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, 
 
 
 def select_job_per_motion(jobs: Sequence[Job]) -> list[Job]:
-    """Return the first job of each motion (``list_motions``): jobs with the same motion share a reference."""
-    first = {spec.settings_id for spec in list_motions([job.spec for job in jobs])}
+    """Return the first job of each motion, as ``select_run_per_motion`` does; the others share its reference."""
+    first = {spec.settings_id for spec in select_run_per_motion([job.spec for job in jobs])}
     return [job for job in jobs if job.spec.settings_id in first]
 
 
-def list_motions(specs: Sequence[RunSpec]) -> list[RunSpec]:
-    """Return the first run of each motion: of runs whose problem and parameters are equal.
+def select_run_per_motion(specs: Sequence[RunSpec]) -> list[RunSpec]:
+    """Return the first run of each exact motion: of all runs whose problem and parameters are equal.
 
-    Parameters of the presentation that are undone before a motion is measured make no difference.
+    Parameters that only present a problem in another way, and that are undone before a motion is measured, are ignored.
     """
     first: dict[str, RunSpec] = {}
     for spec in specs:
-        aside = [p.name for p in PRESENTATIONS if p.undone]
-        parameters = {k: v for k, v in spec.parameters.items() if k not in aside}
+        ignored = [p.name for p in PRESENTATIONS if p.undone]
+        parameters = {k: v for k, v in spec.parameters.items() if k not in ignored}
         first.setdefault(json.dumps([spec.problem, parameters], sort_keys=True, default=list), spec)
     return list(first.values())
 
@@ -150,12 +151,12 @@ def fill_caches(
     """Compile the measuring code and solvers of ``specs``, compute references of ``jobs``, and load the code here.
 
     Each task runs in a forked process, ``ABREAST`` of them in parallel, which fills the caches and may crash. As each
-    ends, ``report`` is called with the wall times [s] by solver and by reference that it took. All are killed once
-    ``unwanted()``. The first solver compiles the kernels that others share; references come next, so that the others
-    find them compiled.
+    ends, ``report`` is called with the wall times [s] that it took, by solver and by reference. All are killed once
+    ``unwanted()`` returns True. The first solver compiles kernels that all share, and references follow it, so that the
+    other solvers find these compiled.
     """
-    solvers, laws = [_compile(spec) for spec in specs], Task(_load_laws, run_here=_load_passes)
-    waiting = [*solvers[:1], laws, *map(_compute, jobs), *solvers[1:]][::-1]
+    solvers, laws = [_make_compile_task(spec) for spec in specs], Task(_load_laws, run_here=_load_passes)
+    waiting = [*solvers[:1], laws, *map(_make_reference_task, jobs), *solvers[1:]][::-1]
     going = dict[ForkedProcess, Task]()  # a task that hangs must not delay others
     try:
         while (waiting or going) and not unwanted():
@@ -175,8 +176,8 @@ def fill_caches(
             process.wait()
 
 
-def _compile(spec: RunSpec) -> Task:
-    """Return the task that compiles a solver; a failure is left to its runs to report."""
+def _make_compile_task(spec: RunSpec) -> Task:
+    """Return the task that compiles a solver by solving ``spec``; a failure is left to its runs to report."""
 
     def work(send: Callable[[str], None]) -> None:
         """Compile the solver in a forked process, and send how long it took, unless it failed."""
@@ -199,7 +200,7 @@ def _load_laws(send: Callable[[str], None]) -> None:
     send(json.dumps([{}, {}]))
 
 
-def _compute(job: Job) -> Task:
+def _make_reference_task(job: Job) -> Task:
     """Return the task that computes a job's reference unless it is cached; a failure is left to the runs to report."""
 
     def work(send: Callable[[str], None]) -> None:
@@ -212,14 +213,14 @@ def _compute(job: Job) -> Task:
         name = format_name(job.spec.problem, job.spec.parameters)
         send(json.dumps([{}, {name: time.monotonic() - began}]))
 
-    return Task(work, 6.0 * LARGEST, run_here=lambda: _hold(job))
+    return Task(work, 6.0 * LARGEST, run_here=lambda: _hold_exact_motion(job))
 
 
-def _hold(job: Job) -> None:
-    """Hold the exact motion of one of our own problems, sampled, in this process, for its runs to inherit.
+def _hold_exact_motion(job: Job) -> None:
+    """Evaluate the exact motion of a job's problem and hold it in this process, so that forked runs inherit it.
 
-    No code of a plugin runs here, and a problem with force laws is left out: a solver compiles these in its set-up,
-    where it must not find them compiled.
+    Nothing is done for a problem of a plugin, whose code must not run here, and for one with user forces: a solver
+    compiles these in its set-up, where it must not find them compiled.
     """
     from .kept_series import hold_exact_motion
 

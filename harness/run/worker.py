@@ -49,15 +49,16 @@ FIRST = "repeats after the first took less than half its CPU time, as if prepare
 
 
 def solve_job(job: Job, soft: float = SOFT, problem: Problem | None = None) -> None:
-    """Solve the job and write the outcome, a motion or the exception that ended it, to ``job.handover``.
+    """Solve the job and write the outcome to ``job.handover``: a motion, a refusal, or the exception that was raised.
 
     The solver is asked to stop at the fraction ``soft`` of its limit on CPU time. ``problem`` is that of the job, if it
-    exists already. Raise OSError on a full disk, which is no result of the run.
+    exists already. The traceback of an exception goes to standard error. Raise OSError on a full disk, which is no
+    result of the run.
     """
     made: list[Solver] = []
     job.handover.remove_file(missing_ok=True)
     try:
-        handover.write(job.handover, _attempt_solve(job, soft, made, problem))
+        handover.write_handover(job.handover, _attempt_solve(job, soft, made, problem))
         return
     except (Exception, SystemExit, KeyboardInterrupt) as error:  # the failure of the run is its result
         if is_disk_full_error(error):
@@ -69,7 +70,7 @@ def solve_job(job: Job, soft: float = SOFT, problem: Problem | None = None) -> N
         by = EndCause.MEMORY_LIMIT if memory else EndCause.EXCEPTION
         message = format_first_line(error) + "".join(locate_error(error, s) for s in made)
     report = SolverReport(by=by, message=message)  # the frames that filled the memory are released by now
-    handover.write(job.handover, Handover(report, None))
+    handover.write_handover(job.handover, Handover(report, None))
 
 
 def _attempt_solve(job: Job, soft: float, made: list[Solver], problem: Problem | None) -> Handover:
@@ -92,8 +93,8 @@ def _attempt_solve(job: Job, soft: float, made: list[Solver], problem: Problem |
 def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int = 1, min_time: float = 0.0) -> Handover:
     """Let the solver refuse or solve the problem; return its report and, unless it refused, its motion.
 
-    The first solve gives the motion. The problem is solved ``repeats`` times, a short solve for ``min_time`` [s], to
-    measure its CPU time.
+    The first solve gives the motion. To measure the CPU time, the problem is solved ``repeats`` times in all; a solve
+    shorter than ``SHORT`` is repeated for ``min_time`` [s].
     """
     listen_to_numba()  # before any reading of the clock: it may import numba
     began, code_began = cpu_seconds_of_tree(), code_seconds_of_tree()
@@ -129,7 +130,7 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
 
 
 def _format_costs(cost: dict[str, float]) -> dict[str, float | str]:
-    """Return costs in a form that JSON keeps, including NaN and infinity."""
+    """Return costs by name with NaN and infinity as texts, which JSON can hold."""
     return {k: encode_nonfinite(v) for k, v in cost.items()}
 
 
@@ -138,10 +139,11 @@ def solve_repeatedly(
 ) -> tuple[Trajectory, dict[str, float]]:
     """Return the first trajectory and the cost columns, with ``left_out``: whether only the first of several counts.
 
-    The problem is solved ``repeats`` times, while solves succeed and another fits into the limit on CPU time. If
-    integration takes less than ``SHORT``, it is solved until all calls have taken ``min_time`` [s] together, code that
-    engines generate in each call included, and ``average_loop_times`` selects what counts, otherwise
-    ``select_repeat_times``. Code generation of the first call counts in ``code_s`` and ``setup_s`` only.
+    The problem is solved ``repeats`` times, as long as solves succeed and another fits into the limit on CPU time. If
+    integration takes less than ``SHORT``, it is solved until all calls together have taken ``min_time`` [s], which
+    includes code that engines generate in each call. The times that count are then those of ``average_loop_times``,
+    otherwise those of ``select_repeat_times``. Code generation of the first call counts in ``code_s`` and ``setup_s``
+    only.
     """
     listen_to_numba()
     first, cost = _solve_timed(solver, problem, control)
@@ -159,7 +161,7 @@ def solve_repeatedly(
         times.append((again := _solve_timed(solver, problem, control)[1]).integration)
         used += again.call
     looped = loops and len(times) > FEWEST
-    counted = average_loop_times(times, solver, _reading_seconds()) if looped else select_repeat_times(times)
+    counted = average_loop_times(times, solver, _measure_reading_time()) if looped else select_repeat_times(times)
     alone = len(counted) == 1 < len(times)
     return first, {
         **make_cost_columns(counted, 1 if alone else len(times) - looped),
@@ -171,8 +173,8 @@ def solve_repeatedly(
     }
 
 
-def _reading_seconds() -> float:
-    """Return the CPU time [s] of one reading of the solvers' clock, which each difference of two readings includes."""
+def _measure_reading_time() -> float:
+    """Measure the CPU time [s] of one reading of the solvers' clock, which the difference of two readings includes."""
     began = cpu_seconds()
     for _ in range(READINGS):
         solver_seconds()

@@ -25,10 +25,11 @@ class BallTooWide(ArithmeticError):
 
 
 def run_in_balls(function: Callable[P, T]) -> Callable[P, T]:
-    """Return ``function`` with its ball arithmetic at ``BITS`` of precision."""
+    """Wrap ``function`` such that its ball arithmetic has ``BITS`` of precision, and return the wrapper."""
 
     @wraps(function)
     def precise(*args: P.args, **kwargs: P.kwargs) -> T:
+        """Call the function at ``BITS`` of precision."""
         with ctx.workprec(BITS):
             return function(*args, **kwargs)
 
@@ -76,9 +77,9 @@ def apply_matrix(A: Matrix, b: Vector) -> Vector:
 
 
 def find_root(x: arb) -> arb:
-    """Return the square root of a number known to be nonnegative, though its ball may extend below zero.
+    """Return the square root of a number that is known not to be negative, although its ball may extend below zero.
 
-    Raise BallTooWide if the ball is not finite.
+    The ball of the root then begins at zero. Raise BallTooWide if the ball of ``x`` is not finite.
     """
     if not x.is_finite():
         raise BallTooWide
@@ -92,10 +93,11 @@ def sign(x: arb) -> int:
     return 1 if x > 0 else -1 if x < 0 else 0
 
 
-def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Matrix:
+def find_nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Matrix:
     """Return the rotation nearest to R, its orthogonal polar factor, by Newton-Schulz steps X (3 - X^T X)/2.
 
-    Raise ValueError if R is no rotation up to rounding. The distance is below |X^T X - 1|, which widens the balls.
+    The balls are widened by |X^T X - 1|, which bounds the distance of the last X from it. Raise ValueError if R is no
+    rotation up to rounding.
     """
     X = [to_balls(row) for row in R]
     for _ in range(POLAR_STEPS):
@@ -108,8 +110,8 @@ def nearest_rotation(R: Float[np.ndarray, "3 3"]) -> Matrix:
     return [[x + off for x in row] for row in X]
 
 
-def frame_about(axis: Vector) -> Matrix:
-    """Return a rotation whose third column is the direction of ``axis``."""
+def make_frame_about(axis: Vector) -> Matrix:
+    """Return a rotation matrix whose third column is the direction of ``axis``; the others are arbitrary."""
     e = scale_vector(axis, 1 / norm(axis))
     k = int(np.argmin([abs(float(x)) for x in e]))
     a = cross(e, [arb(int(i == k)) for i in range(3)])
@@ -117,8 +119,8 @@ def frame_about(axis: Vector) -> Matrix:
     return transpose([a, cross(e, a), e])
 
 
-def quaternion(R: Matrix) -> Quaternion:
-    """Return one of the two quaternions of a rotation, computed from its largest component."""
+def convert_to_quaternion(R: Matrix) -> Quaternion:
+    """Return one of the two unit quaternions of a rotation, computed from w or else its largest component."""
     t = [float(R[i][i]) for i in range(3)]
     if sum(t) > 0:
         w = (1 + R[0][0] + R[1][1] + R[2][2]).sqrt() / 2
@@ -132,7 +134,7 @@ def quaternion(R: Matrix) -> Quaternion:
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return a b."""
+    """Return the quaternion product a b."""
     v = [a[0] * y + b[0] * x + z for x, y, z in zip(a[1:], b[1:], cross(a[1:], b[1:]), strict=True)]
     return [a[0] * b[0] - dot(a[1:], b[1:]), *v]
 
@@ -143,7 +145,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 def to_extended(x: arb) -> np.longdouble:
-    """Return the ball's midpoint as a long double, within an ulp; raise BallTooWide if the ball is not finite.
+    """Return the midpoint of a ball as a long double, to an ulp; raise BallTooWide if the ball is not finite.
 
     The significand of a long double has 64 bits on x86, 53 to 113 elsewhere.
     """

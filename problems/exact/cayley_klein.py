@@ -11,7 +11,7 @@ import numpy as np
 from flint import acb, arb
 from jaxtyping import Complex, Float
 
-from .balls import Matrix, Quaternion, conjugate, largest_radius, multiply, quaternion, to_extended
+from .balls import Matrix, Quaternion, conjugate, convert_to_quaternion, largest_radius, multiply, to_extended
 from .theta import UNIT, ThetaPhase, ThetaSeries, make_constant_series
 
 Four = tuple[Float[np.ndarray, "*nt"], ...]  # w, x, y, z
@@ -33,25 +33,31 @@ class CayleyKlein:
     right: Quaternion
 
     def attitude(self, t: Float[np.ndarray, " nt"]) -> tuple[Float[np.ndarray, "nt 3 3"], Float[np.ndarray, "nt 3"]]:
-        """Return R in extended precision, and Omega = 2 vec(q* q_dot) in float64 [rad/s, body frame], at ``t`` [s]."""
+        """Return R in extended precision, and Omega = 2 vec(q* q_dot) in float64 [rad/s, body frame], at ``t`` [s].
+
+        q is the quaternion of p and s, which is multiplied by the constant ``left`` and ``right``.
+        """
         w = self.z(t)
         D = self.under(w).real
         turn_p, turn_s = self.turn_p(t), self.turn_s(t)
         p, s = (over(w) / D * turn for over, turn in ((self.over_p, turn_p), (self.over_s, turn_s)))
         left, right = (tuple(np.asarray(to_extended(x)) for x in q) for q in (self.left, self.right))
-        R = find_rotation(_times(_times(left, _find_quaternion(p, s)), right))
+        R = find_rotation(_multiply_quaternions(_multiply_quaternions(left, _find_quaternion(p, s)), right))
         rate, mu_p, mu_s = self.rates
         w, p, s, D = (x.astype(y) for x, y in ((w, complex), (p, complex), (s, complex), (D, float)))
         log = self.under.slope(w).real / D
         p_dot = rate * (self.over_p.slope(w) / D * turn_p.astype(complex) - p * log) + 1j * mu_p * p
         s_dot = rate * (self.over_s.slope(w) / D * turn_s.astype(complex) - s * log) + 1j * mu_s * s
         back = (p.real, -s.real, -s.imag, -p.imag)
-        Omega = 2.0 * np.stack(_times(back, _find_quaternion(p_dot, s_dot))[1:], axis=-1)
+        Omega = 2.0 * np.stack(_multiply_quaternions(back, _find_quaternion(p_dot, s_dot))[1:], axis=-1)
         B = find_rotation((right[0], -right[1], -right[2], -right[3]))
         return R, Omega @ B.astype(float).T
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return a proved bound on the Frobenius norm of R's error: 3 times the quaternion's, and 100 roundings."""
+        """Return a proved bound on the Frobenius norm of R's error at ``t`` [s].
+
+        It is 3 times the bound on the quaternion's error, and 100 roundings.
+        """
         phase = self.z.error(t)
         under = self.under.error(phase)
         quotients = sum(over.error(phase) + under for over in (self.over_p, self.over_s))
@@ -60,9 +66,10 @@ class CayleyKlein:
 
 
 def rotate_uniformly(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_s: arb) -> CayleyKlein:
-    """Return the attitude that starts as ``q0`` and rotates uniformly: p at ``mu_p``, s at ``mu_s`` [rad/s].
+    """Return the attitude that starts as ``q0`` and whose parameters rotate uniformly, p at ``mu_p``, s at ``mu_s``.
 
-    It is multiplied by the constant rotations ``left`` (in space) and ``right`` (in the body).
+    The rates are in rad/s. R is the rotation of p and s between the constant rotations ``left`` (space) and ``right``
+    (body), of which the latter is transposed.
     """
     one, still = make_constant_series(acb(1)), ThetaPhase.from_radians(arb(0), arb(0))
     p, s = find_cayley_klein(q0)
@@ -76,14 +83,16 @@ def rotate_uniformly(q0: Quaternion, left: Matrix, right: Matrix, mu_p: arb, mu_
         still,
         *turns,
         rates,
-        quaternion(left),
-        conjugate(quaternion(right)),
+        convert_to_quaternion(left),
+        conjugate(convert_to_quaternion(right)),
     )
 
 
 def relative_quaternion(left: Matrix, R: Matrix, right: Matrix) -> Quaternion:
     """Return the quaternion of left^T R right."""
-    return multiply(multiply(conjugate(quaternion(left)), quaternion(R)), quaternion(right))
+    return multiply(
+        multiply(conjugate(convert_to_quaternion(left)), convert_to_quaternion(R)), convert_to_quaternion(right)
+    )
 
 
 def find_cayley_klein(q: Quaternion) -> tuple[acb, acb]:
@@ -92,7 +101,7 @@ def find_cayley_klein(q: Quaternion) -> tuple[acb, acb]:
 
 
 def find_rotation(q: Four) -> Float[np.ndarray, "*nt 3 3"]:
-    """Return R of a quaternion, which need not have unit length."""
+    """Return R (..., 3, 3) of quaternions (w, x, y, z), which need not have unit length."""
     w, x, y, z = q
     rows = (
         (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -108,8 +117,8 @@ def _find_quaternion(p: Complex[np.ndarray, " nt"], s: Complex[np.ndarray, " nt"
     return p.real, s.real, s.imag, p.imag
 
 
-def _times(a: Four, b: Four) -> Four:
-    """Return the product of two quaternions."""
+def _multiply_quaternions(a: Four, b: Four) -> Four:
+    """Return the products a b of quaternions (w, x, y, z), component by component as arrays over time."""
     return (
         a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
         a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],

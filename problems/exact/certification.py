@@ -47,13 +47,13 @@ class CertifiedMotion:
 
 
 def certify_linkage(link: Linkage, y0: Float[np.ndarray, " coordinates"], t_max: float, span: float) -> Orbit:
-    """Integrate a linkage from ``y0``, its angles and rates, by angles and by nodes; return the certified orbit.
+    """Return the certified orbit of a linkage from ``y0``, its angles [rad] and rates [rad/s], up to ``t_max`` [s].
 
-    It is integrated up to ``t_max`` [s], in chunks of ``span`` [s].
+    It is integrated by angles and by nodes, which are compared after each chunk of ``span`` [s].
     """
 
     def gap(y: np.ndarray, z: np.ndarray) -> float:
-        """Return the largest distance [m] of a node between the two routes."""
+        """Return the largest distance [m] between the positions of a node by the states y and z of the two routes."""
         apart = link.nodes(y[: link.n])[: link.free] - z.reshape(2, -1, 2)[0]
         return float(np.max(np.linalg.norm(apart, axis=1)))
 
@@ -63,21 +63,24 @@ def certify_linkage(link: Linkage, y0: Float[np.ndarray, " coordinates"], t_max:
 
 
 def certify_orbit(pair: Pair, data: str, t_max: float, span: float) -> Orbit:
-    """Integrate both routes in chunks of ``span`` [s] to ``t_max`` [s] or the end of the certificate; return the orbit.
+    """Return the orbit of route 1 up to ``t_max`` [s], or to the time when the bound on its error exceeds ``WORST``.
 
-    The orbit is cached on disk by its start and by ``data``, which holds all other inputs of the equations. Raise
-    ArithmeticError if no chunk can be integrated.
+    Both routes are integrated in chunks of ``span`` [s]. The orbit is cached on disk, by its start and by ``data``, the
+    text of all other inputs of the equations. Raise ArithmeticError if no chunk can be integrated.
     """
     settings = (FORMAT, SAFETY, WORST, TOLERANCE, CORRECTION, t_max, span, pair.y0.tolist(), data)
     key = hashlib.sha256(repr(settings).encode()).hexdigest()
-    found = load_or_compute(key, lambda: join_chunks(_pieces(pair, t_max, span), lambda: WORST))
+    found = load_or_compute(key, lambda: join_chunks(_integrate_pieces(pair, t_max, span), lambda: WORST))
     if found is None:
         raise ArithmeticError("the motion cannot be integrated from its start")
     return found.cut_at_bound(WORST)
 
 
-def _pieces(pair: Pair, t_max: float, span: float) -> Iterator[Piece]:
-    """Yield integrated chunks of ``span`` [s], up to ``t_max`` [s], ``MOST_STEPS`` or the failure of a route."""
+def _integrate_pieces(pair: Pair, t_max: float, span: float) -> Iterator[Piece]:
+    """Yield chunks of ``span`` [s], integrated by both routes, up to ``t_max`` [s] or ``MOST_STEPS`` steps.
+
+    They end early if a route fails.
+    """
     t, y, z, steps = 0.0, pair.y0, pair.z0, 0
     while t < t_max and steps < MOST_STEPS:
         try:

@@ -38,7 +38,7 @@ class ClosedForm:
         return self.of(np.zeros(1))[0]
 
     def match_start(self, start: State) -> "ClosedForm | None":
-        """Return this motion if it begins at ``start``; None otherwise, since no formula is known there."""
+        """Return this motion if it begins at ``start`` up to rounding; else None, as no formula is known."""
         own = self.start()
         apart = max(float(np.max(np.abs(getattr(own, n) - getattr(start, n)))) for n in ("r", "R", "v", "Omega"))
         return self if apart < SAME * max(1.0, float(np.max(np.abs(own.Omega)))) else None

@@ -27,8 +27,8 @@ from .balls import (
     cross,
     dot,
     find_root,
-    frame_about,
     largest_radius,
+    make_frame_about,
     norm,
     product,
     to_balls,
@@ -44,9 +44,10 @@ SAME_INERTIA = 1e-14  # relative difference: rounding of computed data
 
 
 def solve_euler_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
-    """Return the motion without torque from R0, Omega0 [rad/s, body]; None on the separatrix.
+    """Return the exact motion without torque from R0, Omega0 [rad/s, body].
 
-    That is the motion which approaches the intermediate axis.
+    A symmetric body, or rotation about a principal axis, gives a steady precession, other motions theta functions.
+    Return None on the separatrix, where the motion approaches rotation about the intermediate axis.
     """
     exact = not np.any(body.inertia_O - np.diag(np.diag(body.inertia_O)))
     inertia, axes = np.linalg.eigh(body.inertia_O)
@@ -100,7 +101,10 @@ class JacobiMatrix:
         return R, self.rates * l.astype(float) @ axes.astype(float).T
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return a proved bound on the Frobenius norm of R's error: those of its columns, and 100 roundings."""
+        """Return a proved bound on the Frobenius norm of R's error at ``t`` [s].
+
+        It is the sum of those on the errors of its rows, of the constant rotations, and of 100 roundings.
+        """
         phase = self.z.error(t)
         under = self.under.error(phase)
         quotients = sum(over.error(phase) + under for over in (*self.U, *self.l))
@@ -111,10 +115,11 @@ class JacobiMatrix:
 def _solve_by_theta(
     body: PinnedBody, R0: Matrix, P: Matrix, I: Vector, w: Vector, rounded: RoundingEffect
 ) -> PinnedMotion:
-    """Return the motion of an asymmetric body by theta functions.
+    """Return the motion of an asymmetric body by theta functions, as in the module's text.
 
-    ``P`` are the principal axes as columns, ``I`` the inertias and ``w`` the angular velocities about them, with L
-    circling axis 3. Raise ArithmeticError if the formula and its rate do not fit the start.
+    ``P`` has the principal axes [body] as columns, ``I`` the inertias [kg m2] and ``w`` the components of Omega [rad/s]
+    about them, numbered such that L circles axis 3. Raise ArithmeticError if the formula and its rate do not fit the
+    start.
     """
     I1, I2, I3 = I
     L = [a * b for a, b in zip(I, w, strict=True)]
@@ -137,7 +142,7 @@ def _solve_by_theta(
     _, t2, t3, t4 = evaluate_thetas(acb(0), tau)
     scales = (A / size * t4 / t2, B2 / size * t3 / t2, up * C / size * t4 / t3)
     l = tuple(make_theta_series(kind, q, arb(0), scale) for kind, scale in zip((2, 1, 3), scales, strict=True))
-    S = frame_about(apply_matrix(R0, apply_matrix(P, L)))
+    S = make_frame_about(apply_matrix(R0, apply_matrix(P, L)))
     rows = product(product(transpose(S), R0), P)
     U0, U0_dot = (
         [acb(x, y) for x, y in zip(*pair, strict=True)] for pair in (rows[:2], [cross(a, w) for a in rows[:2]])
@@ -145,6 +150,7 @@ def _solve_by_theta(
     at, slope = (evaluate_thetas(acb(z0, -eta), tau, d) for d in (0, 1))
     D, D_dot = (evaluate_thetas(acb(z0), tau, d)[3] for d in (0, 1))
     kinds = (3, 2, 0)
+    # n from each of U1, U2, U3: they must agree
     turning = [U_dot / U - rate * (slope[k] / at[k] - D_dot / D) for U, U_dot, k in zip(U0, U0_dot, kinds, strict=True)]
     l0 = [s * evaluate_thetas(acb(z0), tau)[k] / D for s, k in zip(scales, (1, 0, 2), strict=True)]
     known = zip(l0, rows[2], strict=True)

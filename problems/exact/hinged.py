@@ -43,9 +43,9 @@ class Swing:
     rate: float
 
     def find_angle(self) -> Angle:
-        """Return the motion as a function of time [s], to the angle turned [rad], its rate [rad/s] and its error [rad].
+        """Return a function from times [s] to the angle turned [rad], its rate [rad/s] and the angle's error [rad].
 
-        Raise ArithmeticError where no formula is found.
+        Raise ArithmeticError if no formula is known for this swing.
         """
         if self.pull == 0.0:
             return lambda t: (self.rate * t, np.full(len(t), self.rate), ROUNDING * np.abs(self.rate * t))
@@ -63,7 +63,7 @@ class Swing:
             return self._find_motion_to_rest()  # raises ArithmeticError for any other motion
 
         def by_theta(t: Float[np.ndarray, " nt"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            """Return the angle turned, its rate and error at ``t``, by theta functions."""
+            """Return the angle turned [rad], its rate [rad/s] and its error [rad] at ``t`` [s], by theta functions."""
             s = found.states(t)
             turn = np.arctan2(s.R[:, 0, 1, 0], s.R[:, 0, 0, 0]) - self.phi
             return turn, s.Omega[:, 0, 2], found.angle_error(t)
@@ -71,9 +71,9 @@ class Swing:
         return by_theta
 
     def _find_motion_to_rest(self) -> Angle:
-        """Return the motion towards an upright rest or away from it, or at rest, in the form of ``find_angle``.
+        """Return the function of ``find_angle`` for a motion towards an upright rest or away from it, or for a rest.
 
-        Roundings grow as exp(w t). Raise ArithmeticError for any other motion.
+        Its error grows as exp(w t), w^2 = ``pull``. Raise ArithmeticError for any other motion.
         """
         w = np.sqrt(self.pull)
         lacking = self.rate**2 - 4.0 * self.pull * np.cos(0.5 * self.phi) ** 2  # of the energy of an upright rest
@@ -81,18 +81,18 @@ class Swing:
         if not hanging and not abs(lacking) <= NEARLY * (self.rate**2 + 4.0 * self.pull):
             raise ArithmeticError("no closed form of this swing was found")
         phi = np.arctan2(np.sin(self.phi), np.cos(self.phi))
-        way = np.sign(self.rate) or 1.0
+        direction = np.sign(self.rate) or 1.0
         resting = abs(self.rate) <= 1e-12 * w  # at rest, hanging or upright
-        begin = np.arctanh(np.clip(np.sin(0.5 * way * phi), -1.0, 1.0)) if not resting else 0.0
+        begin = np.arctanh(np.clip(np.sin(0.5 * direction * phi), -1.0, 1.0)) if not resting else 0.0
 
         def gudermann(t: Float[np.ndarray, " nt"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            """Return the angle turned, its rate and error at ``t``: phi = 2 gd(w t + c)."""
+            """Return the angle turned [rad], its rate [rad/s] and its error [rad] at ``t`` [s]: phi = 2 gd(w t + c)."""
             grown = DATA * np.exp(np.minimum(w * np.abs(t), 700.0))
             if resting:
                 return np.zeros(len(t)), np.zeros(len(t)), grown if np.cos(phi) < 0.0 else np.full(len(t), DATA)
             x = w * t + begin
-            turned = way * 2.0 * np.arcsin(np.tanh(x))
-            return turned - phi, way * 2.0 * w / np.cosh(np.minimum(np.abs(x), 700.0)), grown
+            turned = direction * 2.0 * np.arcsin(np.tanh(x))
+            return turned - phi, direction * 2.0 * w / np.cosh(np.minimum(np.abs(x), 700.0)), grown
 
         return gudermann
 
@@ -139,7 +139,7 @@ class HingedMotion:
 
     @cached_property
     def _error_growth(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times, and the largest error [rad] up to each."""
+        """Times [s] over the whole motion, and the largest error of the angle [rad] up to each."""
         early = np.geomspace(1e-6 * self.t_end, self.t_end, TIMES)
         t = np.union1d(np.linspace(0.0, self.t_end, TIMES + 1), early)
         t[-1] = self.t_end
@@ -159,7 +159,7 @@ class HingedMotion:
         return self.t_end if inside == len(t) else float(t[max(inside - 1, 0)])
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """Return the motion at ``t`` [s]."""
+        """Return the motion at ``t`` [s]: the start, rotated about the axis by the angle turned (Rodrigues)."""
         t = np.asarray(t, dtype=float)
         turn, rate, _ = self._angle(t)
         K = hat(self.axis)
@@ -170,12 +170,12 @@ class HingedMotion:
         return States((self.point + arm)[:, None], R[:, None], v[:, None], Omega[:, None])
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return an estimate [m] of the position error of C and of points within the radius of gyration from C."""
+        """Return an estimate [m] of the position error at ``t`` [s] of points within the radius of gyration from C."""
         t = np.asarray(t, dtype=float)
         times, grown = self._error_growth
         before = grown[np.minimum(np.searchsorted(times, t), len(times) - 1)]
-        away = float(np.linalg.norm(self.start.r[0] - self.point))
-        return (away + self.gyration) * before + DATA * (away + float(np.linalg.norm(self.point)))
+        distance = float(np.linalg.norm(self.start.r[0] - self.point))
+        return (distance + self.gyration) * before + DATA * (distance + float(np.linalg.norm(self.point)))
 
 
 def is_hinged(system: MultibodySystem) -> bool:
@@ -187,9 +187,9 @@ def is_hinged(system: MultibodySystem) -> bool:
 
 
 def find_hinged_motion(system: MultibodySystem, start: State, t_end: float) -> HingedMotion | None:
-    """Return the exact motion of a body on a hinge up to ``t_end`` [s].
+    """Return the exact motion of a body on a hinge from ``start`` up to ``t_end`` [s].
 
-    None for any other system, and where no closed form is found.
+    Return None for any other system (``is_hinged``), and if no closed form is known.
     """
     if not is_hinged(system):
         return None
@@ -203,9 +203,9 @@ def find_hinged_motion(system: MultibodySystem, start: State, t_end: float) -> H
     weight = system.gravity - (system.gravity @ axis) * axis
     d, g = float(np.linalg.norm(arm)), float(np.linalg.norm(weight))
     size = float(np.linalg.norm(start.r[0] - point)) + float(system.gyration[0])
-    none = d <= NOTHING * size or g <= NOTHING * float(np.linalg.norm(system.gravity))
-    pull = 0.0 if none else m * g * d / float(u @ J @ u + m * d * d)
-    phi = 0.0 if none else float(np.arctan2(axis @ np.cross(weight, arm), weight @ arm))
+    is_free = d <= NOTHING * size or g <= NOTHING * float(np.linalg.norm(system.gravity))
+    pull = 0.0 if is_free else m * g * d / float(u @ J @ u + m * d * d)
+    phi = 0.0 if is_free else float(np.arctan2(axis @ np.cross(weight, arm), weight @ arm))
     swing = Swing(pull, phi, float(u @ start.Omega[0]))
     found = HingedMotion(swing, start, point, axis, float(system.gyration[0]), t_end)
     try:

@@ -26,13 +26,13 @@ from .balls import (
     Vector,
     apply_matrix,
     conjugate,
+    convert_to_quaternion,
     cross,
     dot,
     find_root,
-    frame_about,
+    make_frame_about,
     multiply,
     norm,
-    quaternion,
     scale_vector,
     sign,
     to_balls,
@@ -49,9 +49,10 @@ ROUTE = "theta functions (Lagrange's top)"
 
 
 def solve_lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:
-    """Return the exact motion from R0, Omega0 [rad/s, body]; None if the body is not symmetric about OC.
+    """Return the exact motion from R0, Omega0 [rad/s, body] of a body that is symmetric about OC.
 
-    None, too, if it approaches an unstable equilibrium.
+    A top that neither nutates nor approaches an equilibrium precesses steadily. Return None if the body is not
+    symmetric, or if the motion approaches an unstable equilibrium.
     """
     e = body.arm / np.linalg.norm(body.arm)
     across = np.diag(body.inertia_C)[body.arm == 0.0]
@@ -80,17 +81,17 @@ def solve_lagrange_top(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMo
     if not upper:
         return None
     return _solve_by_theta(
-        body, R0, Omega0, frame_about(k), frame_about(axis), top, RoundingEffect.compute_unless(exact, rates)
+        body, R0, Omega0, make_frame_about(k), make_frame_about(axis), top, RoundingEffect.compute_unless(exact, rates)
     )
 
 
 def solve_free_symmetric(
     body: PinnedBody, R0: Matrix, Omega0: Vector, e: Vector, axial: arb, transverse: arb, rounded: RoundingEffect
 ) -> PinnedMotion:
-    """Return the motion without torque of a body that is symmetric about ``e``: a steady precession.
+    """Return the motion without torque, from R0 and Omega0, of a body symmetric about ``e``: a steady precession.
 
-    It turns about the angular momentum at |L|/I_t, with the remaining spin about e; ``axial`` and ``transverse`` are
-    inertias [kg m2].
+    The body turns about the angular momentum at |L|/I_t, with the remaining spin about e. ``axial`` and ``transverse``
+    are its inertias [kg m2]; ``rounded`` is the effect of rounded data on the attitude.
     """
     spin = dot(Omega0, e)
     L = apply_matrix(R0, [transverse * w + (axial - transverse) * spin * x for w, x in zip(Omega0, e, strict=True)])
@@ -114,19 +115,31 @@ class _Constants:
 
     @staticmethod
     def compute(k: Vector, e: Vector, Omega: Vector, beta: arb, ratio: arb) -> "_Constants":
-        """Compute the constants from the vertical k, the axis e and Omega [body frame]; ``ratio`` is I_a/I_t."""
+        """Compute the constants from the vertical k, the axis e and Omega [rad/s], all in the body frame.
+
+        ``beta`` is 2 m g c/I_t [1/s2], with c the distance of C from O, and ``ratio`` is I_a/I_t.
+        """
         u, spin = dot(k, e), dot(Omega, e)
         u_dot = dot(k, cross(Omega, e))
         a = ratio * spin
         b = dot(k, Omega) + (a - spin) * u
         alpha = dot(Omega, Omega) - spin * spin + beta * u
         return _Constants(
-            u, u_dot, a, b, beta, spin, _cubic((alpha + a * a) / beta, 2 * a * b / beta - 1, (alpha - b * b) / beta)
+            u,
+            u_dot,
+            a,
+            b,
+            beta,
+            spin,
+            _solve_cubic((alpha + a * a) / beta, 2 * a * b / beta - 1, (alpha - b * b) / beta),
         )
 
 
-def _cubic(sum_: arb, p: arb, q: arb) -> tuple[arb, arb, arb]:
-    """Return the three real roots of u^3 - ``sum_`` u^2 + p u + q, increasing: -1 <= u1 <= u2 <= 1 <= u3."""
+def _solve_cubic(sum_: arb, p: arb, q: arb) -> tuple[arb, arb, arb]:
+    """Return the three real roots of u^3 - ``sum_`` u^2 + p u + q, increasing and cut to -1 <= u1 <= u2 <= 1 <= u3.
+
+    Viete's formula is used, with ``sum_`` the sum of the roots.
+    """
     third = sum_ / 3
     radius = find_root(third * third - p / 3)
     if not radius > 0:
@@ -141,10 +154,10 @@ def _cubic(sum_: arb, p: arb, q: arb) -> tuple[arb, arb, arb]:
 def _solve_by_theta(
     body: PinnedBody, R0: Matrix, Omega0: Vector, S: Matrix, B: Matrix, top: _Constants, rounded: RoundingEffect
 ) -> PinnedMotion:
-    """Return the motion of a nutating top by theta functions.
+    """Return the motion of a nutating top from R0, Omega0 [rad/s, body] by theta functions, as in the module's text.
 
-    ``S`` has the direction against gravity as its third column, ``B`` the body's axis. Raise ArithmeticError if the
-    formula does not fit the start.
+    ``S`` has the direction against gravity [space] as its third column, ``B`` the axis of the body [body]; ``top`` has
+    the constants. Raise ArithmeticError if the formula does not fit the start.
     """
     u1, u2, u3 = top.roots
     m, m1 = (u2 - u1) / (u3 - u1), (u3 - u2) / (u3 - u1)  # k^2 and its complement
@@ -152,7 +165,7 @@ def _solve_by_theta(
     tau, to_phase = acb(0, K1 / K), arb.pi() / (2 * K)
     q = (-arb.pi() * K1 / K).exp()
     rate = to_phase * find_root(top.beta * (u3 - u1)) / 2  # of z
-    z0 = to_phase * _argument(top, m)
+    z0 = to_phase * _find_argument(top, m)
     # sn^2(i y_p) = (-1 - u1)/(u2 - u1) and sn^2(K + i y_s) = (1 - u1)/(u2 - u1); u_dot = i(a+b), i(a-b) there
     y_p = find_elliptic_argument(find_root((1 + u1) / (1 + u2)), find_root((u2 - u1) / (1 + u2)), m1)
     inside = (1 - u2) * (u3 - u1) / ((1 - u1) * (u3 - u2))
@@ -191,16 +204,16 @@ def _solve_by_theta(
         ThetaPhase.from_radians(arb(0), mu_p),
         ThetaPhase.from_radians(arb(0), mu_s),
         (float(rate), float(mu_p), float(mu_s)),
-        quaternion(S),
-        conjugate(quaternion(B)),
+        convert_to_quaternion(S),
+        conjugate(convert_to_quaternion(B)),
     )
     return PinnedMotion(ROUTE, body, motion, rounded)
 
 
-def _argument(top: _Constants, m: arb) -> arb:
-    """Return x0 from u = u1 + (u2 - u1) sn^2 x and the sign of u_dot at the start.
+def _find_argument(top: _Constants, m: arb) -> arb:
+    """Return x0, the argument of sn at the start, from u = u1 + (u2 - u1) sn^2 x and the sign of u_dot there.
 
-    If the sign is unknown, x0 is a ball about 0 or about K.
+    If the sign is unknown, x0 is a ball about 0 or about K. ``m`` is k^2.
     """
     u1, u2, _ = top.roots
     sn, cn = find_root((top.u - u1) / (u2 - u1)), find_root((u2 - top.u) / (u2 - u1))
@@ -217,7 +230,8 @@ def _argument(top: _Constants, m: arb) -> arb:
 def _copy_sign(y: arb, x: arb, K1: arb) -> arb:
     """Return ``y`` with the sign of ``x``.
 
-    If x may be 0, y is about 0 or K1, and -y and 2 K1 - y give one motion: a ball with both is returned.
+    If the sign is unknown, y is about 0 or about K1, and both signs of y, or y and 2 K1 - y, give the same motion: a
+    ball that contains both is returned.
     """
     if sign(x):
         return sign(x) * y

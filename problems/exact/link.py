@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
 from ...harness.mechanics.types import ReferenceKind
-from .balls import apply_matrix, cross, dot, frame_about, run_in_balls, scale_vector, to_balls, transpose
+from .balls import apply_matrix, cross, dot, make_frame_about, run_in_balls, scale_vector, to_balls, transpose
 from .one_body import find_pinned_motion
 from .pinned_body import PinnedBody, PinnedMotion
 
@@ -46,9 +46,12 @@ class LinkMotion:
 
 @run_in_balls
 def find_link_motion(mass: float, length: float, gravity: Float[np.ndarray, " 3"], start: State) -> LinkMotion | None:
-    """Return the exact motion of a point mass on a link to the origin from ``start``; None if no formula is known."""
+    """Return the exact motion of a point mass on a massless link to the origin; None if no formula is known.
+
+    It begins at position and velocity of ``start``. ``mass`` is in kg, ``length`` in m, ``gravity`` in m/s2 [space].
+    """
     r, v = to_balls(start.r[0]), to_balls(start.v[0])
-    R = frame_about(r)  # frame of the arm, without spin about it
+    R = make_frame_about(r)  # frame of the arm, without spin about it
     massless, arm = np.zeros((3, 3)), np.array([0.0, 0.0, length])
     body = PinnedBody(mass, massless, mass * length**2 * np.diag([1.0, 1.0, 0.0]), arm, np.zeros(3), gravity)
     motion = find_pinned_motion(body, R, apply_matrix(transpose(R), scale_vector(cross(r, v), 1 / dot(r, r))))

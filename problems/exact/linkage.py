@@ -44,11 +44,11 @@ class Linkage:
         return self.n - (self.end is not None)
 
     def nodes(self, angle: Float[np.ndarray, "*nt n"]) -> Float[np.ndarray, "*nt n 2"]:
-        """Return the positions (n, 2) of the nodes in the plane [m], from the rods' angles to x [rad]."""
+        """Return the positions of the nodes in the plane [m], from the rods' angles to x [rad]."""
         return self.length * np.cumsum(np.stack((np.cos(angle), np.sin(angle)), axis=-1), axis=-2)
 
     def convert_to_nodes(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " state"]:
-        """Return the state of ``make_rates_by_nodes`` that equals the state ``y`` of ``make_rates_by_angles``."""
+        """Convert a state ``y`` of ``make_rates_by_angles`` to that of ``make_rates_by_nodes``."""
         angle, rate = y[: self.n], y[self.n :]
         across = np.stack((-np.sin(angle), np.cos(angle)), axis=-1)
         v = self.length * np.cumsum(rate[:, None] * across, axis=0)
@@ -56,7 +56,10 @@ class Linkage:
 
 
 def make_rates_by_angles(link: Linkage) -> Rate:
-    """Return the function from a state (angles [rad], their rates) to its time derivative."""
+    """Return the function from a state, angles [rad] and their rates of shape (2 n,), to its time derivative.
+
+    The function writes into arrays of its own, so that calls must not overlap.
+    """
     n, M, H = link.n, link.rod_mass, link.node_mass
     beyond = np.cumsum((M + H)[::-1])[::-1] - M  # mass of the nodes from k on and of the rods after k
     k = np.arange(n)
@@ -68,7 +71,7 @@ def make_rates_by_angles(link: Linkage) -> Rate:
     matrix, right = np.zeros((n + held, n + held)), np.zeros(n + held)  # written anew by each call
 
     def rate(y: np.ndarray) -> np.ndarray:
-        """Return the rates and accelerations of the angles."""
+        """Return the rates [rad/s] and accelerations [rad/s2] of the angles in the state ``y``."""
         cos, sin, square = np.cos(y[:n]), np.sin(y[:n]), y[n:] ** 2
         matrix[:n, :n] = c * (cos[:, None] * cos + sin[:, None] * sin)
         right[:n] = cos * (c @ (sin * square)) - sin * (c @ (cos * square)) - pull * cos
@@ -82,16 +85,17 @@ def make_rates_by_angles(link: Linkage) -> Rate:
 
 
 def make_rates_by_nodes(link: Linkage, precision: type = np.float64) -> Rates:
-    """Return the function from states (k, positions [m] and velocities) of the moving nodes to their time derivatives.
+    """Return the function from states of the moving nodes, of shape (k, 4 m), to their time derivatives.
 
-    It computes in ``precision``: longdouble to certify.
+    A state has the positions [m], then the velocities [m/s] of the m nodes. ``precision`` is the type of the numbers
+    that the function computes with, such as longdouble.
     """
     n, m = link.n, link.free
     M: np.ndarray = link.rod_mass.astype(precision)
     H: np.ndarray = link.node_mass.astype(precision)
     after = np.append(M[1:], 0)
     mass = np.diag((M + after) / 3 + H) + np.diag(after[:-1] / 6, 1) + np.diag(after[:-1] / 6, -1)
-    inverse = _solve(mass[:m, :m], np.eye(m, dtype=precision))
+    inverse = _solve_refined(mass[:m, :m], np.eye(m, dtype=precision))
     fall = -link.gravity * inverse @ ((M + after) / 2 + H)[:m]
     k = np.arange(m)
     # rows of the inverse mass matrix for the far and the near node of each rod, 0 for a node that is fixed
@@ -100,7 +104,7 @@ def make_rates_by_nodes(link: Linkage, precision: type = np.float64) -> Rates:
     far, near = both
 
     def rate(y: np.ndarray) -> np.ndarray:
-        """Return the velocities and accelerations of the nodes in each state."""
+        """Return the velocities [m/s] and accelerations [m/s2] of the nodes in each of the states ``y`` (k, 4 m)."""
         x: np.ndarray = np.zeros((len(y), 2, n + 1, 2), dtype=precision)  # with the fixed ends
         x[:, :, 1 : m + 1] = y.reshape(len(y), 2, m, 2)
         if link.end is not None:
@@ -113,7 +117,7 @@ def make_rates_by_nodes(link: Linkage, precision: type = np.float64) -> Rates:
         GM = (along * far + (0.0 - along * near)).reshape(len(y), n, -1)  # G M^-1: a rod has two nodes
         square = d_dot * d_dot
         S = GM @ np.swapaxes(G.reshape(GM.shape), 1, 2)
-        lam = _solve(S, (-(square[..., 0] + square[..., 1]) - G[..., 1] @ fall)[..., None])
+        lam = _solve_refined(S, (-(square[..., 0] + square[..., 1]) - G[..., 1] @ fall)[..., None])
         a = (np.swapaxes(GM, 1, 2) @ lam).reshape(len(y), m, 2)
         a[:, :, 1] += fall
         return np.concatenate((y[:, 2 * m :], a.reshape(len(y), -1)), axis=1)
@@ -121,8 +125,8 @@ def make_rates_by_nodes(link: Linkage, precision: type = np.float64) -> Rates:
     return rate
 
 
-def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return A^-1 b in the precision of A, by LAPACK in float64 and two iterative refinements."""
+def _solve_refined(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return A^-1 b in the precision of A: by LAPACK in float64, refined twice if A is more precise."""
     if A.dtype == np.float64:
         return np.linalg.solve(A, b)
     rough = A.astype(float)

@@ -22,8 +22,8 @@ def certify_linkage_motion(
 ) -> CertifiedMotion | None:
     """Return the certified motion from these angles [rad] and rates [rad/s] up to ``t_max`` [s].
 
-    None with more than ``MOST_RODS`` rods, which would take minutes. ``bodies`` gives the states of the problem's
-    bodies.
+    Return None for more than ``MOST_RODS`` rods, which would take minutes. ``bodies`` converts angles and rates of the
+    rods to states of the problem's bodies.
     """
     if link.n > MOST_RODS:
         return None
@@ -34,9 +34,10 @@ def certify_linkage_motion(
 def find_planar_angles(
     start: State, plane: Float[np.ndarray, "3 3"]
 ) -> tuple[Float[np.ndarray, " nb"], Float[np.ndarray, " nb"]] | None:
-    """Return angle [rad] and rate [rad/s] of each body's x axis in a plane; None if a body leaves it.
+    """Return angle [rad] and rate [rad/s] of each body's x axis in a plane; None if ``start`` is not planar.
 
-    ``plane`` has the plane's x, y and normal as columns, in space.
+    ``plane`` has the plane's x, y and normal [space] as columns. The start is planar if x axes and velocities lie in
+    the plane, and the bodies turn about its normal, up to ``PLANAR``.
     """
     along = start.R[:, :, 0] @ plane
     omega = np.einsum("bij,bj->bi", start.R, start.Omega) @ plane

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...harness.mechanics.state import State
 from ...harness.mechanics.system import MultibodySystem
-from .balls import BallTooWide, Matrix, Vector, nearest_rotation, run_in_balls, to_balls
+from .balls import BallTooWide, Matrix, Vector, find_nearest_rotation, run_in_balls, to_balls
 from .euler_top import solve_euler_top
 from .lagrange_top import solve_lagrange_top
 from .pinned_body import PinnedBody, PinnedMotion
@@ -12,12 +12,15 @@ from .pinned_body import PinnedBody, PinnedMotion
 
 @run_in_balls
 def find_one_body_motion(system: MultibodySystem, start: State) -> PinnedMotion | None:
-    """Return the exact motion of one body on a spherical joint to the ground; None if no formula exists.
+    """Return the exact motion of one body on a spherical joint to the ground, from ``start``.
 
-    Euler's case without torque, Lagrange's for a symmetric body.
+    It is known in Euler's case, without torque, and in Lagrange's, for a symmetric body. Return None in any other case
+    and for any other system.
     """
     body = PinnedBody.from_system(system)
-    return None if body is None else find_pinned_motion(body, nearest_rotation(start.R[0]), to_balls(start.Omega[0]))
+    return (
+        None if body is None else find_pinned_motion(body, find_nearest_rotation(start.R[0]), to_balls(start.Omega[0]))
+    )
 
 
 def find_pinned_motion(body: PinnedBody, R0: Matrix, Omega0: Vector) -> PinnedMotion | None:

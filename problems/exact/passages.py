@@ -9,7 +9,10 @@ SAMPLING = 1e-3  # [s] sampling; a row that folds and unfolds within it is misse
 
 
 def find_singular_passages(problem: Problem, t_end: float) -> tuple[tuple[float, int], ...]:
-    """Return (time [s], row from 1) of every cos(row angle) = 0 of the reference, in order, up to its horizon."""
+    """Return time [s] and row, counted from 1, of every singular passage of the reference, in order of time.
+
+    These are the zeros of cos(angle of the row) up to ``t_end`` [s] or the horizon; empty without a reference.
+    """
     reference = problem.reference()
     if reference is None:
         return ()

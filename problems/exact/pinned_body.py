@@ -96,7 +96,7 @@ class PinnedMotion:
         return ReferenceKind.PROVED if self.rounded == RoundingEffect() and PROVABLE else ReferenceKind.FORMULA
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """Return the motion at ``t`` [s]."""
+        """Return the motion at ``t`` [s], rounded to float64."""
         R, Omega = self.motion.attitude(np.asarray(t, dtype=float))
         r = self.body.pin + R @ self.body.arm.astype(np.longdouble)
         R = R.astype(float)

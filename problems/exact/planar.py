@@ -27,7 +27,10 @@ def make_planar_states(
     velocity: Float[np.ndarray, "nt nb 2"],
     rate: Float[np.ndarray, "nt nb"],
 ) -> States:
-    """Return the motion of bars from C in the plane (X, Y) [m], its velocity, angles to OX [rad] and rates [rad/s]."""
+    """Return the states of bars in the plane OXY from their centres (X, Y) [m] and velocities [m/s].
+
+    ``angle`` is that of each bar to OX [rad], ``rate`` its derivative [rad/s].
+    """
     flat = np.zeros((*angle.shape, 1))
     r, v = (np.concatenate((a, flat), axis=-1) for a in (centre, velocity))
     return States(r, make_bar_frames(angle), v, rate[..., None] * np.array(AXIS))

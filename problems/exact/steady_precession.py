@@ -8,7 +8,7 @@ principal axis, and of a top whose axis rests or keeps its height.
 
 from flint import arb
 
-from .balls import Matrix, Vector, frame_about
+from .balls import Matrix, Vector, make_frame_about
 from .cayley_klein import relative_quaternion, rotate_uniformly
 from .pinned_body import PinnedBody, PinnedMotion, RoundingEffect
 
@@ -16,10 +16,11 @@ from .pinned_body import PinnedBody, PinnedMotion, RoundingEffect
 def find_steady_precession(
     body: PinnedBody, R0: Matrix, k: Vector, precession: arb, e: Vector, spin: arb, rounded: RoundingEffect
 ) -> PinnedMotion:
-    """Return the motion that turns about ``k`` at ``precession`` [rad/s] and about ``e`` at ``spin`` [rad/s].
+    """Return the motion from R0 that turns about ``k`` at ``precession`` [rad/s] and about ``e`` at ``spin`` [rad/s].
 
-    ``k`` is fixed in space, ``e`` in the body; ``rounded`` is the effect of rounded data.
+    ``k`` is a direction fixed in space, ``e`` one fixed in the body, of any length; ``rounded`` is the effect of
+    rounded data on the attitude.
     """
-    S, B = frame_about(k), frame_about(e)
+    S, B = make_frame_about(k), make_frame_about(e)
     motion = rotate_uniformly(relative_quaternion(S, R0, B), S, B, (precession + spin) / 2, (precession - spin) / 2)
     return PinnedMotion("closed form: steady precession", body, motion, rounded)

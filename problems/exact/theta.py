@@ -41,7 +41,7 @@ class ThetaPhase:
 
     @staticmethod
     def from_radians(z0: arb, rate: arb) -> "ThetaPhase":
-        """Return the phase of ``z0`` and ``rate`` in radians."""
+        """Return the function exp(i (z0 + rate t)) of ``z0`` [rad] and ``rate`` [rad/s], the rate split into parts."""
         turn = 2 * arb.pi()
         z0, rate = z0 / turn, rate / turn
         z0 = z0 - round(float(z0))
@@ -72,7 +72,7 @@ class ThetaPhase:
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         """Return a proved bound on the error of the value at ``t`` [s].
 
-        The factor 7 converts turns to radians; the other terms are roundings of sums, table and product.
+        The factor 7 > 2 pi converts turns to radians; the other terms are roundings of sums, table and product.
         """
         rest = abs(float(self.low)) * np.abs(t)
         return 7.0 * (self.radius + self.rate_radius * np.abs(t) + 5.0 * UNIT * (1.0 + rest)) + 8.0 * UNIT
@@ -93,14 +93,17 @@ class ThetaSeries:
         return self._sum(self.c, w, square) + self._sum(self.d, w.conj(), square.conj())
 
     def slope(self, w: Complex[np.ndarray, " nt"]) -> Complex[np.ndarray, " nt"]:
-        """Return the derivative with respect to zeta, in the precision of ``w``."""
+        """Return the derivative of the sum with respect to zeta at w = exp(i zeta), in the precision of ``w``."""
         m = 1j * (self.least + 2 * np.arange(len(self.c)))
         c, d = ((m * x).astype(w.dtype) for x in (self.c, self.d))
         square = w * w
         return self._sum(c, w, square) - self._sum(d, w.conj(), square.conj())
 
     def error(self, phase: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Return a proved bound on the value's error from that of w: the slopes, and 6 roundings per Horner step."""
+        """Return a proved bound on the error of the sum; ``phase`` is a bound on the error of w.
+
+        It adds up the slopes times that, 6 roundings per step of Horner's rule, and the dropped terms.
+        """
         sizes = (np.abs(self.c) + np.abs(self.d)).astype(float)
         m = self.least + 2.0 * np.arange(len(sizes))
         return 1.2 * np.sum(m * sizes) * phase + 6.0 * UNIT * (len(m) + 4) * np.sum(sizes) + self.tail
@@ -114,9 +117,10 @@ class ThetaSeries:
 
 
 def make_theta_series(kind: int, q: arb, eta: arb, scale: acb) -> ThetaSeries:
-    """Return ``scale`` theta_kind(zeta - i eta), ``kind`` 1 to 4 and nome ``q``, as a series in zeta.
+    """Return ``scale`` times theta_kind(zeta - i eta), of ``kind`` 1 to 4 and nome ``q``, as a series in zeta.
 
-    Raise BallTooWide if a coefficient has no bound.
+    Terms are added until they are below ``CUT`` of the largest and fall at least by half each; the bound ``tail``
+    covers the rest and the radii of the coefficients. Raise BallTooWide if a coefficient has no bound.
     """
     odd = int(kind in (1, 2))
     c: list[acb] = []
@@ -160,14 +164,14 @@ def evaluate_thetas(z: acb, tau: acb, derivative: int = 0) -> tuple[acb, ...]:
 def find_elliptic_argument(sn: arb, cn: arb, m: arb) -> arb:
     """Return the x with sn x = ``sn`` and cn x = ``cn``, parameter ``m``, |x| <= 2 K.
 
-    It is computed from the smaller of both, away from branch points.
+    It is computed from the smaller of the two, away from branch points.
     """
     K = acb(m).elliptic_k().real
-    x = -1 if float(sn) < 0.0 else 1
+    side = -1 if float(sn) < 0.0 else 1
     if abs(float(sn)) <= abs(float(cn)):
         x0 = acb.elliptic_f(arb.atan2(sn, cn if float(cn) > 0.0 else -cn), m).real
-        return x0 if float(cn) > 0.0 else x * 2 * K - x0
-    return x * (K - acb.elliptic_f(arb.atan2(cn, (1 - m).sqrt() * x * sn), m).real)  # sn (K - x) = cn x/dn x
+        return x0 if float(cn) > 0.0 else side * 2 * K - x0
+    return side * (K - acb.elliptic_f(arb.atan2(cn, (1 - m).sqrt() * side * sn), m).real)  # sn (K - x) = cn x/dn x
 
 
 def _round_to_split(x: float) -> float:
@@ -184,10 +188,10 @@ def _freeze_terms(values: list[acb]) -> Complex[np.ndarray, " terms"]:
 
 
 @run_in_balls
-def _table() -> tuple[np.longdouble, Complex[np.ndarray, " parts"]]:
+def _make_table() -> tuple[np.longdouble, Complex[np.ndarray, " parts"]]:
     """Return 2 pi, and exp(2 pi i k / ``PARTS``) for all k, in extended precision."""
     angles = [2 * arb.pi() * k / PARTS for k in range(PARTS)]
     return to_extended(2 * arb.pi()), _freeze_terms([acb(x.cos(), x.sin()) for x in angles])
 
 
-TURN, TABLE = _table()
+TURN, TABLE = _make_table()

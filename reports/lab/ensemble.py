@@ -28,11 +28,11 @@ def write_page(
     scored: Sequence[tuple[Cloud, Sequence[CloudComparison], str]],
     perfect: Sequence[CloudComparison],
 ) -> None:
-    """Write the page to ``path``; ``true`` holds the reference clouds from the same starts and from other starts.
+    """Write the page on an ensemble to ``path``: the table of scores, and for each solver its clouds and histograms.
 
-    ``scored`` has the cloud of each solver, its comparisons with the true one at each time and quantity, and the
-    verdict on them in words; ``perfect`` are the comparisons of one reference cloud with the other: the scores of a
-    solver without errors.
+    ``true`` holds the reference clouds from the same starts and from other starts. ``scored`` has the cloud of each
+    solver, its comparisons with the true one at each time and quantity, and the verdict on them in words; ``perfect``
+    are the comparisons of one reference cloud with the other: the scores of a solver without errors.
     """
     spread = np.nan_to_num(np.nanstd(true[1].values[:, :, -1], axis=0))
     moving = [i for i in range(len(e.observables)) if spread[i] > 1e-9 * (1.0 + spread.max())][:DRAWN]
@@ -40,25 +40,28 @@ def write_page(
     charts = [
         draw_chart(caption, plots, own)
         for cloud, found, _ in scored
-        for caption, plots in _plots(e, true[1], cloud, found, moving)
+        for caption, plots in _plot_solver(e, true[1], cloud, found, moving)
     ]
     rows = sorted([*perfect, *(c for _, found, _ in scored for c in found)], key=lambda c: (c.t_s, c.quantity))
     stamp = f"Commit {environment.read_commit()[:12] or 'not recorded'}."
     write_file(path, "ensemble.html", title=title, scored=scored, rows=rows, charts=charts, number=number, stamp=stamp)
 
 
-def _plots(
+def _plot_solver(
     e: Ensemble, true: Cloud, own: Cloud, found: Sequence[CloudComparison], moving: Sequence[int]
 ) -> Iterator[tuple[str, list[Plot]]]:
-    """Yield a caption and its panels for each chart of one solver: its cloud with the true one, and rank histograms."""
+    """Yield caption and panels of the charts of one solver: its cloud with the true one, and rank histograms if any.
+
+    ``moving`` are the indices of the observables to draw; histograms are those of the ``DRAWN`` quantities that are
+    least likely to come from a perfect solver.
+    """
     clouds = [_plot_bands(e, true, own, i) for i in moving] + (
         [_plot_members(e, true, own, moving, k) for k in range(len(e.at))] if len(moving) > 1 else []
     )
     yield f"{own.label}: bands of 50 and 90 % of the members with their median, and members; truth is black.", clouds
     ranked = sorted((c for c in found if c.ranks), key=lambda c: c.ranks.p if c.ranks else 1.0)
-    # the quantities least likely to come from a perfect solver
-    telling = list(dict.fromkeys(c.quantity for c in ranked))[:DRAWN]
-    histograms = [_plot_ranks(own.label, c) for c in found if c.ranks and c.quantity in telling]
+    least_likely = list(dict.fromkeys(c.quantity for c in ranked))[:DRAWN]
+    histograms = [_plot_ranks(own.label, c) for c in found if c.ranks and c.quantity in least_likely]
     if histograms:
         words = "ranks of true draws, of what differs most; between the black lines 95 % of a perfect solver's bars."
         yield f"{own.label}: {words}", histograms
@@ -96,13 +99,14 @@ def _plot_ranks(label: str, c: CloudComparison) -> Plot:
     counts = c.ranks.counts
     bins, drawn = len(counts), float(np.sum(counts))
     edges = np.repeat(np.linspace(0.0, 1.0, bins + 1), 2)[1:-1]
-    share = drawn / bins
-    wide = 1.96 * np.sqrt(share * (1.0 - 1.0 / bins) * (c.members + drawn + 1.0) / (c.members + 2.0))
+    level = drawn / bins  # expected count of each bin
+    # 1.96 standard deviations of a Dirichlet-multinomial count: all draws are ranked in the same members
+    wide = 1.96 * np.sqrt(level * (1.0 - 1.0 / bins) * (c.members + drawn + 1.0) / (c.members + 2.0))
     bars = np.repeat(counts, 2)
     ends = np.array([0.0, 1.0])
     traces = [
         Trace(label, edges, bars, c.solver, low=np.zeros_like(bars), high=bars, marked=False),
-        *(Trace("95 % of a perfect solver's bars", ends, np.full(2, share + d)) for d in (-wide, wide)),
+        *(Trace("95 % of a perfect solver's bars", ends, np.full(2, level + d)) for d in (-wide, wide)),
     ]
     title = f"{c.quantity} at {c.t_s:g} s, p = {number(c.ranks.p, 2)}"
     return Plot(f"ranks-{c.quantity}-{c.t_s:g}", title, "", Axis("rank"), Axis("draws", low=0.0), traces)

@@ -12,16 +12,16 @@ from ..trial import draw_chart
 
 
 def write_page(path: Path, rows: Sequence[RankedEntry], value: str | None = None) -> None:
-    """Write the table of ``rows`` and a chart of error against CPU time to ``path``.
+    """Write the page of a ladder to ``path``: the table of its entries ``rows``, and error against CPU time.
 
     The page says that it is a trial if the ladder's ``value``, which determines the instances, is not published yet.
     """
     words = "Error against CPU time at each setting, with the same intervals."
-    charts = [draw_chart(words, [_plot(rows)], choose_styles(r.solver for r in rows), columns=1)]
+    charts = [draw_chart(words, [_plot_costs(rows)], choose_styles(r.solver for r in rows), columns=1)]
     write_file(path, "ladder.html", title="Ladder", rows=rows, target=TARGET, charts=charts, stamp="", value=value)
 
 
-def _plot(rows: Sequence[RankedEntry]) -> Plot:
+def _plot_costs(rows: Sequence[RankedEntry]) -> Plot:
     """Plot error against CPU time at each setting of every entry, as geometric means over instances with intervals."""
     traces = []
     for r in (r for r in rows if r.frontier):

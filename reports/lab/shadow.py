@@ -22,7 +22,10 @@ NOTE = (
 
 
 def write_page(path: Path, title: str, found: Sequence[Finding], names: Sequence[str], s: Shadow) -> None:
-    """Write the page to ``path``: the findings ``found``, and distances and paths of some of the bodies ``names``."""
+    """Write the page on a shadow to ``path``: the findings ``found``, and distances and paths of some bodies.
+
+    ``names`` are those of all bodies. Paths are drawn in the plane of the two axes along which bodies move farthest.
+    """
     t = Axis("t", "s", symbol="t")
     gap = Axis("|C − C shadow|", "m", log=True, symbol=r"|C - C_{\rm shadow}|")
     colours = {names[b]: LineStyle(COLOURS[k], "o") for k, b in enumerate(_choose_bodies(len(names), len(COLOURS)))}

@@ -41,7 +41,7 @@ class DrawnMechanism:
 
     @property
     def size(self) -> float:
-        """The largest extent over all frames, at least that of one body [m]."""
+        """The largest extent of the centres of mass over all frames, at least the size of one body [m]."""
         reach = np.linalg.norm(np.concatenate((self.a, self.b)), axis=1).max(initial=LONE)
         return float(max(np.ptp(self.r.reshape(-1, 3), axis=0).max(initial=0.0), 2.0 * reach))
 
@@ -63,7 +63,7 @@ def read_mechanism(series: Series | None) -> DrawnMechanism | None:
     i, j = series["joint_i"].astype(int), series["joint_j"].astype(int)
     gravity = series["gravity"] if "gravity" in series else np.zeros(3)
     ground = series["joint_s_j"][j < 0]
-    return DrawnMechanism(poses.t, poses.r, R, *_segments(series, nb), i, series["joint_s_i"], ground, gravity)
+    return DrawnMechanism(poses.t, poses.r, R, *_make_segments(series, nb), i, series["joint_s_i"], ground, gravity)
 
 
 def find_joint_points(series: Series, bodies: int, scale: float) -> list[Float[np.ndarray, "n 3"]]:
@@ -74,11 +74,11 @@ def find_joint_points(series: Series, bodies: int, scale: float) -> list[Float[n
     return [_drop_repeated(at[owner == body].astype(float), SAME * scale) for body in range(bodies)]
 
 
-def _segments(series: Series, nb: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the body of each segment and both its ends [m, body frame], derived from the joint points.
+def _make_segments(series: Series, nb: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the body of each segment and its two ends [m, body frame], derived from the joint points.
 
-    Two joint points away from C give one segment, more of them a star from C, and one a rod through C with a cross bar
-    at its free end. A body without such points gets three rods along its axes.
+    Two joint points away from the centre of mass C give one segment, more of them a star from C, and one a rod through
+    C with a cross bar at its free end. A body without such points gets three rods along its axes.
     """
     s_i, s_j = series["joint_s_i"], series["joint_s_j"][series["joint_j"] >= 0]
     found = []
@@ -114,9 +114,10 @@ def _drop_repeated(points: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def choose_view(mechanism: DrawnMechanism) -> Float[np.ndarray, "2 3"]:
-    """Return the directions of space drawn to the right and up, as the rows of a matrix.
+    """Return the directions of space drawn to the right and up, unit vectors as the rows of a matrix.
 
-    Up is against gravity; a planar motion is seen from the front, a spatial one from above and the side.
+    Up is against gravity (Z without it), right is the level direction of the largest motion. A planar motion is seen
+    from the front, a spatial one turned and from above by ``TILT``.
     """
     g = mechanism.gravity
     up = -g / np.linalg.norm(g) if np.any(g) else np.array([0.0, 0.0, 1.0])
@@ -124,7 +125,7 @@ def choose_view(mechanism: DrawnMechanism) -> Float[np.ndarray, "2 3"]:
     points = np.concatenate([mechanism.r[seen].reshape(-1, 3), *(mechanism.joints(k) for k in seen)])
     if np.ptp(points, axis=0).max() <= FLAT * mechanism.size:  # it turns about one point: its segments show the plane
         points = np.concatenate([mechanism.segments(k).reshape(-1, 3) for k in seen])
-    level = points - np.outer(points @ up, up)
+    level = points - np.outer(points @ up, up)  # projected onto the plane normal to ``up``
     level -= level.mean(axis=0)
     _, sizes, axes = np.linalg.svd(level, full_matrices=False)
     right = axes[0] - up * (axes[0] @ up)
@@ -152,12 +153,16 @@ class Picture:
 
 
 def draw_picture(series: Series | None) -> Picture | None:
-    """Return the drawing of a mechanism at its start: bodies, joints, supports, gravity, axes; None without poses."""
+    """Return the drawing of a mechanism at its start: bodies, joints, supports, gravity, axes; None without poses.
+
+    An axis that points at the reader is left out, and only the first and the last body are named.
+    """
     mechanism = read_mechanism(series)
     if mechanism is None or series is None:
         return None
     view = choose_view(mechanism)
-    arrows = [(name, way) for name, e in zip("XYZ", np.eye(3), strict=True) if np.linalg.norm(way := view @ e) > SEEN]
+    axes = ((name, view @ e) for name, e in zip("XYZ", np.eye(3), strict=True))
+    arrows = [(name, projected) for name, projected in axes if np.linalg.norm(projected) > SEEN]
     g = mechanism.gravity
     if np.any(g):
         arrows.append(("g", view @ (g / np.linalg.norm(g))))

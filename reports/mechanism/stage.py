@@ -108,11 +108,12 @@ def load_poses(series: Series) -> Poses:
 
 
 def place_segments(
-    m: DrawnMechanism, poses: Poses, t: Float[np.ndarray, " n"], view: np.ndarray
+    m: DrawnMechanism, poses: Poses, t: Float[np.ndarray, " n"], view: Float[np.ndarray, "2 3"]
 ) -> Float[np.ndarray, "n ns 2 2"]:
     """Return both ends of every segment in the drawing plane [m] at times ``t`` [s].
 
-    Outside the times of the poses, the nearest one is used.
+    The axes of the result are time, segment, end, and coordinate (right, up). ``view`` (2, 3) has these two directions
+    of space as its rows. Before the first and after the last of ``poses``, that pose is held.
     """
     at = interpolate_poses(poses, t)
     R = Rotation.from_quat(at.q.reshape(-1, 4)).as_matrix().reshape(*at.q.shape[:2], 3, 3)
@@ -121,9 +122,9 @@ def place_segments(
 
 
 def _measure_error(series: Series, measure: ErrorMeasure | None, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return the magnitude of the error by which runs are judged, interpolated at times ``t`` [s].
+    """Return the magnitude of the error ``measure`` of a run, interpolated at times ``t`` [s].
 
-    It is infinite after the last known value, or everywhere if none is known.
+    It is infinite after the last known value, and everywhere without a measure or values.
     """
     name = measure.name if measure else ""
     if name not in series:
@@ -137,8 +138,9 @@ def _measure_error(series: Series, measure: ErrorMeasure | None, t: Float[np.nda
 
 
 def _round_coordinates(values: np.ndarray) -> np.ndarray:
-    """Return coordinates rounded to whole steps of the box, one time history after another.
+    """Return coordinates, in steps of the box, as whole numbers: the time histories one after another.
 
-    They are shifted by four widths of the box to be positive, and clipped to 16 bits.
+    ``values`` have time as their first axis. The numbers are shifted by four widths of the box, so that none is
+    negative, and clipped to 16 bits.
     """
     return np.clip(np.rint(values.reshape(len(values), -1).T) + 4 * STEPS, 0, 65535).astype(np.int64).ravel()

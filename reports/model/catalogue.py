@@ -20,19 +20,19 @@ PLAIN = "No trait makes it hard: what counts is the error at a given cost."
 
 
 def describe_method(name: str) -> str:
-    """Describe a method by the first lines of the docstrings of its file and of its class; empty for a plug-in."""
-    path = next((p for p in (f"solvers/{name}.py", f"solvers/engines/{name}.py") if _source(p)), "")
+    """Describe a solver's method by the first lines of the docstrings of file and class; empty for a plug-in."""
+    path = next((p for p in (f"solvers/{name}.py", f"solvers/engines/{name}.py") if _read_source(p)), "")
     if not path:
         return ""
-    whole = ast.parse(_source(path))
+    whole = ast.parse(_read_source(path))
     classes = [n for n in whole.body if isinstance(n, ast.ClassDef) and n.decorator_list]
     named = [n for n in classes if any(repr(name) in ast.unparse(d) for d in n.decorator_list)]
-    return " ".join(filter(None, dict.fromkeys([_summary(whole), *(_summary(n) for n in named[:1])])))
+    return " ".join(filter(None, dict.fromkeys([_read_summary(whole), *(_read_summary(n) for n in named[:1])])))
 
 
 def is_engine(name: str) -> bool:
     """Return whether a solver runs an external engine."""
-    return bool(_source(f"solvers/engines/{name}.py"))
+    return bool(_read_source(f"solvers/engines/{name}.py"))
 
 
 def name_external_code(name: str) -> str:
@@ -43,25 +43,25 @@ def name_external_code(name: str) -> str:
 
 def describe_mechanism(name: str) -> str:
     """Describe a mechanism by the first line of the docstring of its file; empty for a plug-in."""
-    source = _source(f"problems/{name}.py")
-    return _summary(ast.parse(source)) if source else ""
+    source = _read_source(f"problems/{name}.py")
+    return _read_summary(ast.parse(source)) if source else ""
 
 
 def explain_difficulty(name: str) -> str:
-    """Explain why a problem is hard, by its traits, in at most two sentences; empty for a plug-in."""
-    source = _source(f"problems/{name}.py")
+    """Explain why a problem is hard, a sentence for each of its first two traits; empty for a plug-in."""
+    source = _read_source(f"problems/{name}.py")
     traits = re.findall(r"Trait\.(\w+)", source.partition("@problem(")[2].partition("\n")[0])
     known = [TRAITS[t.lower()] for t in traits if t.lower() in TRAITS]
     return " ".join(known[:2]) or (PLAIN if source else "")
 
 
-def _summary(node: ast.Module | ast.ClassDef) -> str:
+def _read_summary(node: ast.Module | ast.ClassDef) -> str:
     """Return the first line of the docstring of a module or class."""
     return (ast.get_docstring(node) or "").partition("\n")[0].replace("``", "")
 
 
 @cache
-def _source(path: str) -> str:
+def _read_source(path: str) -> str:
     """Return the text of a file of this package, such as ``solvers/rattle.py``; empty if there is none."""
     if not re.fullmatch(r"[\w/]+\.py", path) or not (ROOT / path).is_file():
         return ""

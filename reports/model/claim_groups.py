@@ -46,20 +46,24 @@ def split_claim(c: JudgedClaim) -> tuple[str, str]:
     return statement, f"{found.strip()} {ours}" if found else ""
 
 
-def find_shown(c: JudgedClaim) -> MapRow | None:
-    """Return the row of a claim's map whose number is shown, a printed one if any counts; None if none counts."""
+def find_shown_row(c: JudgedClaim) -> MapRow | None:
+    """Return the row of a claim's map that has the shown number, that of its first test; None if no row counts.
+
+    It is a setting that the paper prints if one counts. Of equal numbers, a row that agrees with the verdict is taken
+    first, then one whose series is not that of an earlier row.
+    """
     asked = _list_asked(c)
     if not (c.tests and asked):
         return None
     shown = c.tests[0].measured
     same = [m for m in asked if m.measured == shown or (math.isnan(shown) and math.isnan(m.measured))]
-    against = c.verdict is not ClaimVerdict.REPRODUCED
-    return min(same, key=lambda m: (m.holds is against, m.twin), default=None)
+    contrary = c.verdict is not ClaimVerdict.REPRODUCED  # what ``holds`` is in a row that disagrees with the verdict
+    return min(same, key=lambda m: (m.holds is contrary, m.twin), default=None)
 
 
 def find_command(c: JudgedClaim) -> str:
     """Return the command that repeats the run of the shown number, the first of several; empty without one."""
-    row = find_shown(c)
+    row = find_shown_row(c)
     return row.command if row else ""
 
 
@@ -75,14 +79,14 @@ def describe_shown(c: JudgedClaim) -> str:
     ``0.41 deg (asked: at most 1.2 deg), of the printed setting that speaks most against it``. Empty if nothing was
     measured.
     """
-    setting = name_shown(c)
+    setting = name_shown_setting(c)
     numbers = " and ".join(f"{format_measured(t)} (asked: {format_band(t)})" for t in c.tests)
     return f"{numbers}, of {setting}" if setting else ""
 
 
-def name_shown(c: JudgedClaim) -> str:
+def name_shown_setting(c: JudgedClaim) -> str:
     """Name the setting whose numbers are shown: ``the printed setting that speaks most against it``; empty if none."""
-    row = find_shown(c)
+    row = find_shown_row(c)
     if row is None:
         return ""
     asked = _list_asked(c)

@@ -105,7 +105,7 @@ def describe_origin(c: judged.JudgedClaim) -> str:
 def describe_verdict(c: judged.JudgedClaim) -> str:
     """Return both verdicts of a claim, and for how many of the settings tried it holds, as one sentence.
 
-    Of combinations of values that suffice it names the first ones.
+    If combinations of values suffice, the first ``MOST_NAMED`` are named. Without verdicts it says what is missing.
     """
     parts = ((where, (format_verdict(f, MOST_NAMED), format_share(f))) for where, f in list_sides(c))
     sides = (f"{where} {', '.join(filter(None, words))}" for where, words in parts)
@@ -116,7 +116,7 @@ def describe_verdict(c: judged.JudgedClaim) -> str:
 def format_verdict(f: judged.ClaimFinding, most: int | None = None) -> str:
     """Format a verdict with its condition or reason: ``reproduced if gain 5``, ``cannot be told, because ...``.
 
-    Of combinations of values that suffice at most ``most`` are named, if given.
+    If combinations of values suffice, the first ``most`` are named, or without ``most`` all.
     """
     if f.verdict is judged.ClaimVerdict.CANNOT_BE_TOLD and f.missing:
         return f"{f.verdict}, because {_describe_gap(f.missing[0])}"
@@ -166,13 +166,15 @@ def _describe_unknown_control(c: judged.JudgedClaim) -> str:
 
 
 def format_by_solver(c: judged.JudgedClaim) -> str:
-    """Format the verdict of each solver: ``by ida_index1 reproduced, for all 4 tried; ...``; empty for one solver."""
-    sides = c.by_solver.items(), c.by_solver_beyond.items()
-    found = [
-        "; ".join(f"by {n} {', '.join(filter(None, (format_verdict(f), format_share(f))))}" for n, f in side)
-        for side in sides
-    ]
-    return "; beyond them ".join(filter(None, found)) if found[0] else f"beyond them {found[1]}" * bool(found[1])
+    """Format the verdict of each solver: ``by ida_index1 reproduced, for all 4 tried; ...``; empty for one solver.
+
+    Verdicts at the paper's settings come first, then those beyond them.
+    """
+    printed, beyond = (
+        "; ".join(f"by {n} {', '.join(filter(None, (format_verdict(f), format_share(f))))}" for n, f in side.items())
+        for side in (c.by_solver, c.by_solver_beyond)
+    )
+    return "; ".join(filter(None, (printed, f"beyond them {beyond}" if beyond else "")))
 
 
 def format_condition_and_share(f: judged.ClaimFinding) -> str:
@@ -206,16 +208,17 @@ def format_distinct(f: judged.ClaimFinding) -> str:
 
 
 def _describe_finding(c: judged.JudgedClaim, where: str, f: judged.ClaimFinding) -> list[str]:
-    """Explain a verdict in clauses: its counts, what is missing, which settings count how, its condition and caveats.
+    """Return clauses on a verdict: counts, what is missing, failed runs, the condition, borderline bands, left out.
 
-    ``where`` is one of ``WHERE``.
+    ``where`` names its settings: one of ``WHERE``, or ``HERE``.
     """
     out = []
     if f.settings:
-        out.append(f"{where} it holds for {quantify(f)}")
-        out[-1] += f" ({format_distinct(f)})" if f.rows > f.settings else ""
-        out[-1] += f", {plural(f.like, 'setting')} beyond them with the series of one counted with it" * bool(f.like)
-        out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
+        words = f"{where} it holds for {quantify(f)}"
+        words += f" ({format_distinct(f)})" if f.rows > f.settings else ""
+        words += f", {plural(f.like, 'setting')} beyond them with the series of one counted with it" if f.like else ""
+        words += f", met at {f.met[0]} of {plural(f.met[1], spell_out(c.because.across))}" if f.met else ""
+        out.append(words)
     out += map(_describe_gap, f.missing)
     if f.lone:
         out.append(f"{plural(f.lone, 'setting')} that one failed run alone meets counted as not met {where}")
@@ -265,11 +268,11 @@ def _describe_row(c: judged.JudgedClaim, m: judged.MapRow) -> str:
     """Describe one setting of the map in a line, see ``list_rows``."""
     holds = {True: "holds", False: "does not hold", None: "open"}[m.holds]
     first = c.tests[0].unit if c.tests else ""
-    number_of_it = "no number" if m.measured != m.measured else f"{number(m.measured)} {unit(first)}".strip()
+    measured = "no number" if m.measured != m.measured else f"{number(m.measured)} {unit(first)}".strip()
     control = f", control {number(m.control)}" if m.control == m.control else ""
     more = f", with {plural(m.more, 'run')} more along {c.because.across}" if m.more else ""
     where = "printed" if m.printed else "beyond"
-    return f"{where}, {holds}: {number_of_it}{control}, {m.status}{more}: {m.command or m.case}"
+    return f"{where}, {holds}: {measured}{control}, {m.status}{more}: {m.command or m.case}"
 
 
 def join_figures(c: judged.JudgedClaim) -> str:

@@ -72,8 +72,8 @@ class PageColumn:
         return f"{self.doc[0].upper()}{self.doc[1:]}.{f' {self.better.capitalize()} is better.' if self.better else ''}"
 
 
-def _declare(name: str, d: Declaration) -> PageColumn:
-    """Return the column of tables that a column of the record declares."""
+def _make_declared_column(name: str, d: Declaration) -> PageColumn:
+    """Return the column of tables for the record's column ``name``, as its declaration ``d`` says."""
     return PageColumn(
         find_key(name, d),
         d.head,
@@ -101,10 +101,10 @@ def _show_spread(run: StoredRun) -> Value:
 
 
 def _read_nearest(name: str) -> Callable[[StoredRun], Value]:
-    """Return the function of a column that is a field of the true motion near a run; NaN without one."""
+    """Return a function that reads the field ``name`` of the true motion near a run; it gives NaN without one."""
 
     def read(run: StoredRun) -> Value:
-        """Return the field."""
+        """Return the field ``name`` of the true motion near the run."""
         value: float | None = getattr(run.nearest, name, None)
         return math.nan if value is None else value
 
@@ -207,14 +207,17 @@ DERIVED = (  # columns that are no field of a record
     ),
 )
 COLUMNS = tuple(
-    sorted((*DERIVED, *(_declare(name, d) for name, d in DECLARED.items() if d.head)), key=lambda c: c.order)
+    sorted(
+        (*DERIVED, *(_make_declared_column(name, d) for name, d in DECLARED.items() if d.head)), key=lambda c: c.order
+    )
 )
 
 
 def list_page_columns(table: str, measure: ErrorMeasure | None = None, unit: str = "") -> list[PageColumn]:
-    """Return the columns of a table of pages, ``problem`` or ``runs``, beside those that name a run.
+    """Return the columns of a page's ``table``, "problem" or "runs", beside the run's name, with their heads there.
 
-    ``measure`` is the error that judges its runs; ``unit`` that of the errors, if they differ between problems.
+    The column of errors is that of ``measure``, the error that judges the runs; ``unit`` replaces its unit in a table
+    of several problems.
     """
     error = ERROR if measure is None else replace(ERROR, of=measure.of, unit=measure.unit)
     error = replace(error, unit=unit or error.unit)

@@ -38,7 +38,8 @@ def spell_out(name: str) -> str:
 def describe_condition(d: judged.Decision, most: int | None = None) -> str:
     """Format a conditional verdict: ``reproduced if tolerance at most 1e-05``, ``reproduced unless gain 0``.
 
-    Without such a condition on one or two dimensions, combinations of values that suffice are listed, at most ``most``.
+    Without such a condition on one or two dimensions, combinations of values that suffice are listed, at most ``most``
+    of them if it is given.
     """
     if d.by:
         return f"reproduced {'unless' if d.unless else 'if'} {format_separation(d)}"
@@ -62,13 +63,16 @@ def describe_choice(d: judged.Decision) -> str:
 
 
 def _join_terms(conditions: Sequence[judged.Condition]) -> list[dict[str, list[judged.Value]]]:
-    """Merge conditions that differ in the value of one dimension into one with both values."""
+    """Merge conditions that differ in the value of one dimension alone; return the values by dimension of each.
+
+    Conditions ``gain 0, chart a`` and ``gain 5, chart a`` become ``{"gain": [0, 5], "chart": ["a"]}``.
+    """
     out: list[dict[str, list[judged.Value]]] = []
     for c in conditions:
         for term in (t for t in out if t.keys() == c.at.keys()):
-            apart = [n for n in term if c.at[n] not in term[n]]
-            if len(apart) == 1 and all(len(values) == 1 for n, values in term.items() if n != apart[0]):
-                term[apart[0]].append(c.at[apart[0]])
+            differing = [n for n in term if c.at[n] not in term[n]]
+            if len(differing) == 1 and all(len(values) == 1 for n, values in term.items() if n != differing[0]):
+                term[differing[0]].append(c.at[differing[0]])
                 break
         else:
             out.append({n: [v] for n, v in c.at.items()})
@@ -86,8 +90,8 @@ def _list_values(name: str, values: Sequence[judged.Value]) -> str:
 def describe_decision(d: judged.Decision) -> str:
     """Describe the condition that separates the settings where a claim holds from the others.
 
-    Without such a condition: the largest sets of settings where it always or never holds, and the dimension that
-    separates best.
+    Without such a condition, describe the largest sets of settings where the claim always or never holds, and the
+    dimension that separates them best.
     """
     if d.by:
         return (

@@ -31,7 +31,7 @@ def find_maxima(
 ) -> Curve:
     """Return the curve through the largest finite |a| in each of ``spans`` equal spans of [0, t_end] [s]."""
     t, a = _select_finite(t, np.abs(a))
-    at = _find_rows(np.maximum, a, _find_span_starts(t, t_end, spans))
+    at = _find_extreme_rows(np.maximum, a, _find_span_starts(t, t_end, spans))
     return Curve(t[at], a[at])
 
 
@@ -42,7 +42,9 @@ def find_extrema(
     t, a = _select_finite(t, a)
     starts = _find_span_starts(t, t_end, spans)
     ends = [0, len(t) - 1] if len(t) else []
-    at = np.unique(np.concatenate([ends, *(_find_rows(f, a, starts) for f in (np.minimum, np.maximum))])).astype(int)
+    at = np.unique(
+        np.concatenate([ends, *(_find_extreme_rows(f, a, starts) for f in (np.minimum, np.maximum))])
+    ).astype(int)
     return Curve(t[at], a[at])
 
 
@@ -56,14 +58,14 @@ def find_band(
     t, a = _select_finite(t, a)
     starts = _find_span_starts(t, t_end, spans)
     lengths = _count_points(starts, a)
-    ordered = a[np.lexsort((a, np.repeat(np.arange(len(starts)), lengths)))]
+    ordered = a[np.lexsort((a, np.repeat(np.arange(len(starts)), lengths)))]  # ascending within each span
     median = 0.5 * (ordered[starts + (lengths - 1) // 2] + ordered[starts + lengths // 2])
     last = starts + lengths - 1
     return Curve(t[last], median, ordered[starts], ordered[last])
 
 
 def drop_repeated(curve: Curve) -> Curve:
-    """Return the curve without the points inside stretches of equal values: a constant step needs two points."""
+    """Return the curve without points whose neighbours have the same values: a constant step needs two points."""
     rows = [e for e in (curve.y, curve.low, curve.high) if e is not None]
     if len(curve) < 3:
         return curve
@@ -74,9 +76,10 @@ def drop_repeated(curve: Curve) -> Curve:
 
 
 def find_log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, float]:
-    """Return the limits of a logarithmic axis for the curves, between rounding and a cap relative to ``scale``.
+    """Return the limits of a logarithmic axis for the curves, within ``ROUNDING`` and ``CAP`` times ``scale``.
 
-    Without values above rounding they span three decades.
+    ``scale`` is the problem's; 1 is used if it is not positive. Without values above rounding the axis has three
+    decades.
     """
     size = scale if np.isfinite(scale) and scale > 0.0 else 1.0
     floor = size * ROUNDING
@@ -88,9 +91,9 @@ def find_log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float
 
 
 def find_log_range(curve: Curve, floor: float) -> tuple[float, float] | None:
-    """Return the lowest and highest value of a line on a logarithmic axis; None if it is below ``floor``.
+    """Return the range of a line on a logarithmic axis, from its values above ``floor``; None if there are none.
 
-    The lowest value leaves out the smallest twentieth of the values, such as first errors.
+    The lower end leaves out the smallest twentieth of the values: all errors begin at zero.
     """
     rows = [e[e > floor] for e in (curve.y, curve.low, curve.high) if e is not None]
     rows = [e for e in rows if len(e)]
@@ -112,10 +115,13 @@ def _select_finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def _find_span_starts(t: np.ndarray, t_end: float, n: int) -> Int[np.ndarray, " m"]:
-    """Return the first row of each of ``n`` equal spans of [0, t_end], the same spans for all curves of a figure."""
+    """Return the first row of each of ``n`` equal spans of [0, t_end] that has a point, for ascending times ``t``.
+
+    The spans are the same for all curves of a figure; they extend to the last time if that is later than ``t_end``.
+    """
     whole = max(t_end if t_end > 0.0 else 0.0, *t[-1:], 1e-300)
-    at = np.minimum((t / whole * n).astype(np.int64), n - 1)
-    return np.flatnonzero(np.diff(at, prepend=at[:1] - 1))
+    span = np.minimum((t / whole * n).astype(np.int64), n - 1)  # of each point
+    return np.flatnonzero(np.diff(span, prepend=span[:1] - 1))
 
 
 def _count_points(starts: Int[np.ndarray, " m"], a: np.ndarray) -> Int[np.ndarray, " m"]:
@@ -123,9 +129,9 @@ def _count_points(starts: Int[np.ndarray, " m"], a: np.ndarray) -> Int[np.ndarra
     return np.diff(np.append(starts, len(a)))
 
 
-def _find_rows(f: np.ufunc, a: np.ndarray, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+def _find_extreme_rows(f: np.ufunc, a: np.ndarray, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
     """Return the first row of each span with its largest or smallest value, for ``f`` np.maximum or np.minimum."""
     lengths = _count_points(starts, a)
-    rows = np.flatnonzero(a == np.repeat(f.reduceat(a, starts), lengths))
+    rows = np.flatnonzero(a == np.repeat(f.reduceat(a, starts), lengths))  # several in a span if a value repeats
     _, first = np.unique(np.repeat(np.arange(len(starts)), lengths)[rows], return_index=True)
     return rows[first]

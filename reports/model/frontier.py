@@ -99,7 +99,7 @@ def classify_doubt(spread: float, lead: float) -> Doubt:
 
 
 def find_frontiers(results: StoredResults) -> list[Frontier]:
-    """Return the frontiers of every variant with a reference, at errors that two solvers reach.
+    """Return a frontier for every variant with a reference and each of ``TARGETS`` that two solvers or more reach.
 
     Presentations are left out.
     """
@@ -158,10 +158,16 @@ def _rank_solvers(variant: Variant, measure: ErrorMeasure, target: float) -> Fro
 
 
 def find_least_time(runs: Sequence[StoredRun], measure: ErrorMeasure, target: float) -> RankedSolver | None:
-    """Return the least CPU time for an error of ``target`` by the runs of one method; None if no run reaches it."""
+    """Return the least CPU time for an error of ``target`` by the runs of one method; None if no run reaches it.
+
+    The time is interpolated between two runs, or a bound: that of a run which reaches the error.
+    """
     coarse_first = sorted(_pick_timed(runs), key=lambda c: -c.step_or_tolerance)
     found = find_least_cost([(measure.of(c), c.record.cpu_median_s) for c in coarse_first], target)
-    return RankedSolver(coarse_first[found[2]], found[0], bound=found[1]) if found else None
+    if not found:
+        return None
+    cost, is_bound, row = found
+    return RankedSolver(coarse_first[row], cost, bound=is_bound)
 
 
 def _pick_timed(runs: Sequence[StoredRun]) -> list[StoredRun]:
@@ -244,7 +250,10 @@ def suggest_command(variant: Variant, target: float) -> str:
 
 
 def _explain_missing(runs: Sequence[StoredRun], best: float | None, unit: str) -> str:
-    """Explain why a solver has no cost at these errors: by its ``best`` error, else its wrong runs, else a status."""
+    """Explain why a solver has no cost at the errors asked: by its ``best`` error in ``unit``, else its wrong runs.
+
+    Without either, return the status of its first run in words.
+    """
     wrong = sorted((c for c in runs if c.status == "wrong"), key=lambda c: c.finest_first)
     if best is not None:
         return f"best {format_length(float(f'{best:.1e}'), unit)}" if best > 0.0 else f"best 0 {unit}"
@@ -255,7 +264,11 @@ def _explain_missing(runs: Sequence[StoredRun], best: float | None, unit: str) -
 
 
 def choose_target(problem: dict[str, Any]) -> int:
-    """Return the index of the target of 1 mm, else of the tightest error that at least half of the solvers reach."""
+    """Return the index of the target error that a page shows first.
+
+    It is that of 1 mm if the problem has it, else of the tightest target that at least half of the solvers reach, else
+    0. ``problem`` is an entry of ``tabulate_costs``, with targets sorted from loosest to tightest.
+    """
     if ASKED in problem["words"]:
         return int(problem["words"].index(ASKED))
     costs_by_solver = [s["cpu"] for s in problem["solvers"].values()]

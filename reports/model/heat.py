@@ -45,9 +45,9 @@ class HeatCell:
         r = self.run.record
         if self.mark.kind == "failed" and r.t_end_s > 0.0 and r.t_reached_s >= 0.0:
             return f"at {100.0 * r.t_reached_s / r.t_end_s:.0f} %"
-        if self.level is None or self.margin is None or math.isinf(self.margin.part):
+        if self.level is None or self.margin is None or math.isinf(self.margin.ratio):
             return ""
-        return number(self.margin.part, 2 if self.margin.part >= 0.1 else 1)
+        return number(self.margin.ratio, 2 if self.margin.ratio >= 0.1 else 1)
 
     @property
     def why(self) -> str:
@@ -63,8 +63,8 @@ class HeatCell:
     @property
     def order(self) -> tuple[int, float]:
         """The sort key that puts the best first."""
-        part = self.margin.part if self.margin else math.inf
-        return RANKS.index(self.mark.kind), max(part, LEAST)
+        ratio = self.margin.ratio if self.margin else math.inf
+        return RANKS.index(self.mark.kind), max(ratio, LEAST)
 
 
 @dataclass(frozen=True)
@@ -156,9 +156,10 @@ def make_cells(variant: Variant, label: str) -> list[HeatCell]:
 
 
 def make_heat_map(results: StoredResults) -> HeatMap | None:
-    """Return the overview of problems that at least half of the solvers ran; None if nothing was run.
+    """Return the overview of the problems that at least half of the solvers ran; None if there is no such problem.
 
-    Solvers outside the plain comparison are shown with their default options, where they ran.
+    A cell has the solver's finest run of the plain comparison. Solvers outside it are shown with their default
+    options, where they ran.
     """
     label = find_plain_label(results)
     runs = {

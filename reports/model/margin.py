@@ -21,34 +21,38 @@ class Margin:
     error: Reason
 
     @property
-    def part(self) -> float:
+    def ratio(self) -> float:
         """The error over its limit: 1 is at the limit; infinite for an error without a size, such as another start."""
         e = self.error
         return e.value / e.limit if e.limit > 0.0 and e.value >= 0.0 and e.law not in UNSIZED else math.inf
 
     @property
     def level(self) -> int:
-        """The class of colour, the number of edges in ``LEVELS`` that the fraction exceeds."""
-        return sum(self.part > edge for edge in LEVELS)
+        """The class of colour, the number of edges in ``LEVELS`` that the ratio exceeds."""
+        return sum(self.ratio > edge for edge in LEVELS)
 
     @property
     def words(self) -> str:
         """The margin in words: ``the energy error is 0.94 J of 9.49 J allowed``."""
         e = self.error
-        if self.part > 1.0:
+        if self.ratio > 1.0:
             return describe_breach(e)
         if e.unit == SHARE:
             return f"{find_broken_law(e)} is {number(e.value)} of its limit"
         return f"{find_broken_law(e)} is {number(e.value)} of {number(e.limit)} {e.unit}".strip() + " allowed"
 
 
-def describe_break(e: Reason) -> str:
-    """Describe how a law is broken: ``the energy error reaches 3 J, 30 times the 0.1 J allowed, first at 0.2 s``."""
-    part = Margin(e).part
-    if not math.isfinite(part):
+def describe_excess(e: Reason) -> str:
+    """Describe an error by its ratio to its limit: ``the energy error reaches 3 J, 30 times the 0.1 J allowed``.
+
+    The time of the first breach is added if it is known. An error without a finite ratio, such as another start, is
+    described by ``describe_breach`` instead.
+    """
+    ratio = Margin(e).ratio
+    if not math.isfinite(ratio):
         return describe_breach(e)
     first = "" if math.isnan(e.time_s) else f", first at {number(e.time_s)} s"
-    times = f"{number(part, 2)} times "
+    times = f"{number(ratio, 2)} times "
     if e.unit == SHARE:
         return f"{find_broken_law(e)} reaches {times}its limit{first}"
     value, limit = (f"{number(v)} {e.unit}".strip() for v in (e.value, e.limit))
@@ -60,7 +64,7 @@ def find_margin(run: StoredRun) -> Margin | None:
     broken = run.record.reasons
     laws = {e.law for e in broken}
     found = [Margin(e) for e in (*broken, *_recompute_reasons(run)) if e in broken or e.law not in laws]
-    return max(found, key=lambda m: m.part, default=None)
+    return max(found, key=lambda m: m.ratio, default=None)
 
 
 def _recompute_reasons(run: StoredRun) -> list[Reason]:

@@ -46,7 +46,7 @@ class MotionCurves:
 
 
 def read_curves(run: StoredRun, series: Series | None, spans: int = SPANS_UPPER) -> MotionCurves:
-    """Return the curves of a run in ``spans`` spans of time; none without a series file."""
+    """Return the curves of a run, reduced to ``spans`` spans of time, with units and events; none without a series."""
     if series is None or "t" not in series or len(series["t"]) == 0:
         return MotionCurves(run)
     # a run that stopped gets all spans up to its stop
@@ -59,9 +59,9 @@ def read_curves(run: StoredRun, series: Series | None, spans: int = SPANS_UPPER)
     curves = {n: find_maxima(*points, t_end, spans) for n, points in norms.items()}
     curves |= {n: find_extrema(*points, t_end, 3 * spans // 4) for n, points in signed.items()}
     if "dt" in series:
-        curves["dt"] = _steps(t, series["dt"], run.has_stopped, t_end, spans)
-    there = {n: c for n, c in curves.items() if len(c)}
-    return MotionCurves(run, count_bodies(series), there, series.units, series.events)
+        curves["dt"] = _find_step_band(t, series["dt"], run.has_stopped, t_end, spans)
+    drawable = {n: c for n, c in curves.items() if len(c)}
+    return MotionCurves(run, count_bodies(series), drawable, series.units, series.events)
 
 
 def count_bodies(series: Series) -> int:
@@ -70,17 +70,20 @@ def count_bodies(series: Series) -> int:
 
 
 def _compute_difference(series: Series, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the times and the difference of an observable from its reference, as stored, or else computed."""
+    """Return the times [s] and the difference of observable ``name`` from its reference, as stored or else computed."""
     if f"away_{name}" in series:
         return series.points(f"away_{name}")
     return series["t"], series[f"obs_{name}"] - series[f"ref_{name}"]
 
 
-def _steps(t: np.ndarray, dt: np.ndarray, stopped: bool, t_end: float, spans: int) -> Curve:
-    """Return the band of step sizes [s] without the last step, which may be cut; a stopped run keeps its last step."""
+def _find_step_band(t: np.ndarray, dt: np.ndarray, stopped: bool, t_end: float, spans: int) -> Curve:
+    """Return the band of step sizes [s] without the last step, which may be cut to end at ``t_end``.
+
+    If the run ``stopped``, its last step is a point of its own. A run of two steps or fewer keeps all.
+    """
     if len(dt) < 3:
         return find_band(t, dt, t_end, spans)
-    whole = find_band(t[:-1], dt[:-1], t_end, spans)  # the last step may be cut to end at t_end
+    whole = find_band(t[:-1], dt[:-1], t_end, spans)
     if not stopped or whole.low is None or whole.high is None:
         return whole
     last = [np.append(e, dt[-1]) for e in (whole.y, whole.low, whole.high)]  # the last step of a failure is of interest

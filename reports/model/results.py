@@ -202,7 +202,7 @@ class StoredResults:
     def series(self, run: StoredRun, *, poses: bool = True) -> Series | None:
         """Return the stored time histories of a run, None if it has none; raise FileError for a damaged file.
 
-        Those read last are kept in memory, since several pages draw them; without ``poses`` more of them.
+        Those read last are kept in memory, since several pages draw them: ``WHOLE`` with poses, ``SERIES`` without.
         """
         r = run.record
         if not r.series:
@@ -219,9 +219,10 @@ class StoredResults:
 
 
 def read_results(folder: Path, *, check_series: bool = True) -> StoredResults:
-    """Read the results in ``folder``, one run per settings; files that cannot be read are listed in ``unreadable``.
+    """Read the results in ``folder``, one run per settings: the latest, or an earlier success if that was cut short.
 
-    With ``check_series`` a run whose series file is damaged is left out; without, a series is checked when it is read.
+    Files that cannot be read are listed in ``unreadable``. With ``check_series`` a run whose series file is damaged is
+    among these; without, a series is checked when it is read.
     """
     loaded = store.load(folder, check_series=False)
     faults = {}
@@ -243,7 +244,7 @@ def read_results(folder: Path, *, check_series: bool = True) -> StoredResults:
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
     unreadable = {**loaded.unreadable, **{folder / "runs" / f"{run}.json": why for run, why in faults.items()}}
     earlier = len(sound) - len(shown) - later
-    return StoredResults(folder, read_environment(folder), tuple(runs), unreadable, earlier, later)
+    return StoredResults(folder, read_environment(folder), tuple(runs), unreadable, made_again=earlier, cut_short=later)
 
 
 @lru_cache(SERIES)
@@ -256,7 +257,7 @@ _whole: dict[tuple[Path, str, str], Series] = {}  # the series read last, with t
 
 
 def _read_whole(folder: Path, name: str, sha256: str) -> Series:
-    """Read a series file with its poses, unless it is among those read last."""
+    """Return the series in a file with its poses, from memory if it is among the last ``WHOLE`` that were read."""
     key = folder, name, sha256
     if key not in _whole:
         if len(_whole) >= WHOLE:
@@ -299,7 +300,7 @@ def make_slug(title: str, taken: set[str]) -> str:
 
 
 def format_stamp(results: StoredResults) -> str:
-    """Format commit, dirty flag, versions and machine in one line."""
+    """Return a line that states commit, uncommitted changes, versions and machine of the results."""
     e, versions = results.environment, dict(list_recorded_packages(results))
     known = [f"Python {e.get('python') or UNKNOWN}", *(f"{k} {versions[k]}" for k in STAMPED if k in versions)]
     commit = str(e.get("commit") or UNKNOWN)[:12] + (" with uncommitted changes (dirty)" if e.get("dirty") else "")

@@ -76,14 +76,14 @@ def rank_solvers(results: StoredResults) -> list[dict[str, Any]]:
     label, out = find_plain_label(results), list[dict[str, Any]]()
     variants = select_variants(results, label)
     for solver, own in group_by_solver(results.runs).items():
-        stands = [(p, h) for p in variants if (h := find_finest(p, solver, label)) is not None]
-        heads = [h for _, h in stands]
-        failures = [(p, c) for p, c in stands if not (c.is_success or c.is_unfinished)]
+        pairs = [(p, run) for p in variants if (run := find_finest(p, solver, label)) is not None]
+        finest = [run for _, run in pairs]
+        failures = [(p, c) for p, c in pairs if not (c.is_success or c.is_unfinished)]
         out.append(
             {
                 "solver": solver,
-                "paper_label": ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])),
-                "finest": count_outcomes(heads),
+                "paper_label": ", ".join(dict.fromkeys(r.record.paper_label for r in finest or own[:1])),
+                "finest": count_outcomes(finest),
                 "everything": count_outcomes(own),
                 "breaks_on": [(c, truncate(c.reasons[0], REASON) + _describe_finer(p, c)) for p, c in failures],
             }
@@ -107,7 +107,10 @@ def _describe_finer(variant: Variant, run: StoredRun) -> str:
 
 
 def name_unpredictable(results: StoredResults) -> str:
-    """Name the problems of the plain comparison whose errors are judged over a part of the time only."""
+    """Return a sentence on the problems of the plain comparison whose errors are judged over a part of the time only.
+
+    It is empty if there is none.
+    """
     variants = select_variants(results, find_plain_label(results))
     found = [(p, m.until) for p in variants if (m := choose_measure(p.runs)) and m.until is not None]
     parts = [f"{p.title} to {until:.2g} of {max(c.record.t_end_s for c in p.runs):g} s" for p, until in found]

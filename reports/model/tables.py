@@ -36,7 +36,7 @@ LATEX = {
 
 
 def list_printed_columns(runs: Sequence[StoredRun]) -> Sequence[PageColumn]:
-    """Return the columns of a printed table; of position and orientation error only the one that judges the runs."""
+    """Return the columns of a printed table, with position or orientation error: the one that judges the runs."""
     measure = choose_measure(runs)
     other = "position_error" if measure and measure.unit == "rad" else "orientation_error"
     return [c for c in COLUMNS if c.latex and c.key != other]

@@ -42,18 +42,18 @@ def find_plain_label(results: StoredResults) -> str:
 def select_variants(results: StoredResults, label: str) -> tuple[Variant, ...]:
     """Return the variants with runs under ``label``; for a problem without any, all its unpresented variants."""
     own = {p.title: p for p in results.variants if any(c.record.label == label for c in p.runs)}
-    there = {p.problem for p in own.values()}
+    covered = {p.problem for p in own.values()}
     return tuple(
-        p for p in results.variants if p.title in own or (p.problem not in there and not describe_presentation(p))
+        p for p in results.variants if p.title in own or (p.problem not in covered and not describe_presentation(p))
     )
 
 
 def group_variants(results: StoredResults, label: str) -> dict[str, list[Variant]]:
-    """Group the variants outside the plain comparison by how they differ; other times and sizes come first."""
-    here = {p.title for p in select_variants(results, label)}
-    others = [p for p in results.variants if p.title not in here]
-    apart = group_by(others, lambda p: describe_presentation(p) or OTHER_PARAMETERS)
-    return {words: apart[words] for words in (OTHER_PARAMETERS, *PRESENTED.values()) if words in apart}
+    """Group the variants outside the plain comparison by how they differ, in words; other parameters come first."""
+    main = {p.title for p in select_variants(results, label)}
+    others = [p for p in results.variants if p.title not in main]
+    groups = group_by(others, lambda p: describe_presentation(p) or OTHER_PARAMETERS)
+    return {words: groups[words] for words in (OTHER_PARAMETERS, *PRESENTED.values()) if words in groups}
 
 
 def group_by_label(variant: Variant, label: str) -> dict[str, tuple[StoredRun, ...]]:
@@ -63,7 +63,7 @@ def group_by_label(variant: Variant, label: str) -> dict[str, tuple[StoredRun, .
 
 
 def format_problem_counts(results: StoredResults) -> str:
-    """Format the number of problems and how many of them have a known exact motion."""
+    """Return words on the number of problems and how many of them have a known exact motion."""
     known = {c.record.problem for c in results.runs if c.record.reference}
     count = len({c.record.problem for c in results.runs})
     if len(known) == count:
@@ -72,6 +72,6 @@ def format_problem_counts(results: StoredResults) -> str:
 
 
 def select_plain_runs(variant: Variant, label: str) -> tuple[StoredRun, ...]:
-    """Return the main runs of a variant: those of ``label``, else those with default options, else all."""
+    """Return the main runs of a variant: those under ``label``, else those with default options, else all."""
     own = tuple(c for c in variant.runs if c.record.label == label)
     return own or tuple(c for c in variant.runs if not c.options) or variant.runs

@@ -34,7 +34,7 @@ def mark_status(status: str) -> Mark:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Format a number: ``0.00123``, ``1.23×10⁻⁵``, a dash for NaN."""
+    """Format ``digits`` significant digits: ``0.00123``, below 0.001 and from 10⁵ ``1.23×10⁻⁵``, a dash for NaN."""
     if math.isnan(value):
         return NONE
     if math.isinf(value):

@@ -6,7 +6,7 @@ If the module also has ``write_variant(results, site, variant)``, that is called
 process, with a ``site`` that knows no other page; what it returns is ``site.parts[<module>][<slug>]`` then ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
-    return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
+    return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.write_data("x", {}), "assets/x.js"])
 
 Its template extends ``base.html`` and fills ``{% block main %}``. Templates are rendered after all modules have run:
 
@@ -17,9 +17,9 @@ Its template extends ``base.html`` and fills ``{% block main %}``. Templates are
 - ``term(name, shown)`` of the glossary; ``num(value, show)``: a table's cell that sorts by its value;
   ``looks[solver].colour``; the functions of reports/model/words.py.
 
-``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``, with NaN as null; ``site.bundle``
-writes it deflated, for ``await MBS.unpack(MBS[name])``, where ``MBS.numbers(x)`` makes an array a list. Scripts are
-classic, deferred and in the order given: opened from a disk, neither modules nor ``fetch`` work.
+``site.write_data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``, with NaN as null;
+``site.write_bundle`` writes it deflated, for ``await MBS.unpack(MBS[name])``, where ``MBS.numbers(x)`` makes an array a
+list. Scripts are classic, deferred and in the order given: opened from a disk, neither modules nor ``fetch`` work.
 """
 
 import contextlib
@@ -115,14 +115,14 @@ class Site:
         borrowed: str = "",
         **values: Any,
     ) -> Page:
-        """Add and return a page: ``template`` with ``values``, to be rendered when all pages are known.
+        """Add a page to the site and return it; ``finish`` renders its ``template`` with ``values``.
 
         ``plots`` are drawn from a data file of the page's own, which is written at once; ``borrowed`` names a data file
         of another page whose plots this one shows too. ``scripts`` are loaded after those.
         """
         if plots or borrowed:
             name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
-            own = [self.bundle(name, shorten_plots(plots, self.looks))] if plots else []
+            own = [self.write_bundle(name, shorten_plots(plots, self.looks))] if plots else []
             scripts = [*own, *([f"data/{borrowed}.js"] if borrowed else []), *PLOTTING, *scripts]
             values["plots_data"] = name
         self.add_pages({page.file: (page, template, {"scripts": scripts, "plots": list(plots), **values})})
@@ -134,20 +134,20 @@ class Site:
             raise ValueError(f"two pages want to be {file}: {self.pending[file][0].title}, {pages[file][0].title}")
         self.pending |= pages
 
-    def data(self, name: str, value: Any, form: Callable[[str, Any], str] = format_script) -> str:
-        """Write ``data/<name>.js`` at once and return its path, to be listed in ``scripts``.
+    def write_data(self, name: str, value: Any, form: Callable[[str, Any], str] = format_script) -> str:
+        """Write ``data/<name>.js``, which sets ``window.MBS[name]`` to ``value``, and return its path for ``scripts``.
 
-        ``form`` makes the script from name and value: plain or, for ``format_bundle``, deflated.
+        ``form`` makes the script from name and value: plain JSON or, for ``format_bundle``, deflated.
         """
         (self.folder / "data" / f"{name}.js").write(form(name, value), durable=False)
         return f"data/{name}.js"
 
-    def bundle(self, name: str, value: Any) -> str:
-        """Write ``data/<name>.js`` deflated and return its path.
+    def write_bundle(self, name: str, value: Any) -> str:
+        """Write ``value``, nested data whose leaves may be arrays, deflated to ``data/<name>.js``; return its path.
 
-        ``MBS.unpack`` reads it in a page, and ``MBS.numbers`` makes its arrays lists.
+        In a page ``await MBS.unpack(MBS[name])`` returns the data, and ``MBS.numbers`` makes one of its arrays a list.
         """
-        return self.data(name, value, format_bundle)
+        return self.write_data(name, value, format_bundle)
 
     def url(self, about: StoredRun | Variant | str) -> str:
         """Return the address of the page of a run, a variant or a solver, from the report folder."""
@@ -181,19 +181,25 @@ class Site:
         load_templates(template for _, template, _ in self.pending.values())
 
     def finish(self) -> None:
-        """Render all pages and write them, with the navigation and the values that all templates know."""
+        """Render all pages and write them, with the navigation and the values that all templates know.
+
+        A forked process renders every second page meanwhile.
+        """
         self.load_templates()
-        shared = self._shared_values()
+        shared = self._collect_shared_values()
         nav = [p for p in self.pages() if p.nav]
-        self.data("pages", [[p.title, p.file] for p in nav if p.file != "index.html"])
-        with ProcessPoolExecutor(1, multiprocessing.get_context("fork"), _inherit, (self, shared, nav)) as pool:
+        self.write_data("pages", [[p.title, p.file] for p in nav if p.file != "index.html"])
+        with ProcessPoolExecutor(1, multiprocessing.get_context("fork"), _keep_inherited, (self, shared, nav)) as pool:
             beside = pool.submit(_render_half)
             self.render_pages(0, shared, nav)
             beside.result()
 
-    def render_pages(self, share: int, shared: Mapping[str, Any], nav: Sequence[Page]) -> None:
-        """Render and write one of both halves of the pages, ``share`` 0 or 1."""
-        for page, template, values in list(self.pending.values())[share::2]:
+    def render_pages(self, first: int, shared: Mapping[str, Any], nav: Sequence[Page]) -> None:
+        """Render and write every second page, beginning with that of index ``first``, 0 or 1.
+
+        ``shared`` are the values that all templates know, ``nav`` the pages of the navigation.
+        """
+        for page, template, values in list(self.pending.values())[first::2]:
             scripts = ["assets/site.js", *(["data/pages.js"] if page.root else []), *values["scripts"]]
             given = {**shared, **values, "scripts": scripts, "page": page, "root": page.root, "pages": nav}
             (self.folder / page.file).write(render(template, **given), durable=False)
@@ -204,7 +210,7 @@ class Site:
         taken: set[str] = set()
         return {name: f"solver-{make_slug(name, taken)}.html" for name in self.results.solvers}
 
-    def _shared_values(self) -> dict[str, Any]:
+    def _collect_shared_values(self) -> dict[str, Any]:
         """Return the values and functions that every template may use."""
         results, slugs = self.results, {p.title: p.slug for p in self.results.variants}
         related = group_by(self.pages(), lambda p: p.about)
@@ -234,29 +240,30 @@ def load_page_modules() -> list[ModuleType]:
 
 
 def write_pages(site: Site, await_judgement: Callable[[], None] = lambda: None) -> None:
-    """Call every page module, which adds its pages to the site; variants are written in two more processes.
+    """Call every page module, which adds its pages to the site; pages of variants come from two more processes.
 
-    A variant is the task of one process, which reads its series once for all modules. ``await_judgement`` returns when
-    the judgement is written, which pages of variants do not need.
+    A variant is the task of one process, which reads its series once for all modules. ``await_judgement`` is called
+    while variants are written, which need no judgement, and returns when it is there. Modules with a ``RANK`` above 0
+    or a function ``write_variant`` are called last.
     """
     modules = load_page_modules()
     by_variant = [m for m in modules if hasattr(m, "write_variant")]
     late = {m.__name__ for m in modules if m in by_variant or getattr(m, "RANK", 0) > 0}
     _ = site.frontiers, site.heat_map  # found here once: the processes inherit them
     order = sorted(range(len(site.results.variants)), key=lambda k: -len(site.results.variants[k].runs))
-    with ProcessPoolExecutor(PROCESSES, multiprocessing.get_context("fork"), _inherit, (site,)) as pool:
-        beside = {k: pool.submit(_write_variant, k, tuple(m.__name__ for m in by_variant)) for k in order}
+    with ProcessPoolExecutor(PROCESSES, multiprocessing.get_context("fork"), _keep_inherited, (site,)) as pool:
+        beside = {k: pool.submit(_write_variant_pages, k, tuple(m.__name__ for m in by_variant)) for k in order}
         try:
             await_judgement()
             _call_modules([m for m in modules if m.__name__ not in late], site)
             site.load_templates()  # here and below while the others are busy
             for k, variant in enumerate(site.results.variants):
-                made = beside[k].result()
-                site.add_pages(made.pending)
+                written = beside[k].result()
+                site.add_pages(written.pending)
                 site.load_templates()
-                site.scenes |= made.scenes
-                site.drawn |= made.drawn
-                for name, part in made.parts.items():
+                site.scenes |= written.scenes
+                site.drawn |= written.drawn
+                for name, part in written.parts.items():
                     site.parts.setdefault(name, {})[variant.slug] = part
         except BaseException:  # such as an interruption: no other variant is begun
             pool.shutdown(wait=False, cancel_futures=True)
@@ -278,8 +285,8 @@ class VariantPages:
 _inherited: list[Any] = []  # in a process of a pool: the site, and what else its tasks share
 
 
-def _inherit(*values: Any) -> None:
-    """Keep what this forked process inherits."""
+def _keep_inherited(*values: Any) -> None:
+    """Store in ``_inherited`` what the tasks of this forked process share."""
     _inherited[:] = values
 
 
@@ -289,8 +296,12 @@ def _render_half() -> None:
     site.render_pages(1, shared, nav)
 
 
-def _write_variant(k: int, modules: Sequence[str]) -> VariantPages:
-    """Call the modules for variant ``k`` in a process of the pool."""
+def _write_variant_pages(k: int, modules: Sequence[str]) -> VariantPages:
+    """Write the pages of the variant with index ``k``, in a process of the pool, and return them to the main process.
+
+    ``modules`` are the names of the page modules that have a function ``write_variant``. The inherited site is emptied
+    first, so that only what they add for this variant is returned.
+    """
     site: Site = _inherited[0]
     site.pending, site.scenes, site.drawn = {}, {}, {}
     variant = site.results.variants[k]
@@ -348,7 +359,7 @@ def read_or_explain(folder: ConfinedPath, file: File[T], command: str) -> Judgem
 
 @lru_cache(JUDGEMENTS)
 def _read_once(file: File[T], folder: ConfinedPath, age: tuple[int, int]) -> T:
-    """Read a judgement once for all pages that show it; ``age`` tells one file from the next of its name."""
+    """Read a judgement once for all pages; ``age`` is part of the cache's key, so that a changed file is read again."""
     return read_judgement(file, folder)
 
 

@@ -123,11 +123,13 @@ def list_changed_claims(before: Sequence[JudgedClaim], after: Sequence[JudgedCla
 
 
 def list_changed_physics(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[RankedChange]:
-    """Return one change per run whose motion differs by more than between two machines, the largest first.
+    """Return one change per run whose motion differs by more than it does between two machines, the largest first.
 
-    Changes are weighed by the problem's scale.
+    Changes are weighed by the problem's scale; numbers that came or went with a change of status are left out.
     """
-    found = (_rank_physics(a, b, c) for a, b, c in _list_changed_numbers(before, after) if c.quantity in PHYSICS)
+    found = (
+        _describe_physics_change(a, b, c) for a, b, c in _list_changed_numbers(before, after) if c.quantity in PHYSICS
+    )
     return gather_by_run([r for r in found if r])
 
 
@@ -203,8 +205,8 @@ def find_unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> 
     They show that other quantities were measured, not that motions changed.
     """
     both = pair_runs(before, after)
-    none = [{m for m in METRICS if all(math.isnan(float(getattr(p[k], m))) for p in both)} for k in (0, 1)]
-    return none[0] - none[1], none[1] - none[0]
+    absent = [{m for m in METRICS if all(math.isnan(float(getattr(p[k], m))) for p in both)} for k in (0, 1)]
+    return absent[0] - absent[1], absent[1] - absent[0]
 
 
 def format_ratio(ratio: float) -> str:
@@ -224,12 +226,17 @@ def _list_changed_numbers(
     return out
 
 
-def _rank_physics(a: RunRecord, b: RunRecord, c: Finding) -> RankedChange | None:
-    """Describe the change of a number of the motion; None if the change of status explains it."""
+def _describe_physics_change(a: RunRecord, b: RunRecord, c: Finding) -> RankedChange | None:
+    """Return the change ``c`` of a number of the motion from record ``a`` to ``b``, weighed by the problem's scale.
+
+    None is returned for a number that came or went with a change of status. A change across the benchmark's limit on
+    the energy error has an infinite weight, so that it comes first.
+    """
     words, unit, column = PHYSICS[c.quantity]
     x, y = c.before, c.value
     scale = float(getattr(a, column)) if column else 1.0
     scale = scale if scale > 0.0 and math.isfinite(scale) else 1.0
+    # the drift at the end has a sign, which is not compared
     gap = abs(abs(y) - abs(x)) if c.quantity.endswith("_end_J") else abs(y - x)
     weight = gap / scale if math.isfinite(gap) else math.inf
     if a.status != b.status and not math.isfinite(weight):
@@ -252,7 +259,10 @@ def format_distinguishably(x: float, y: float) -> tuple[str, str]:
 
 
 def write_compare(a: Path, b: Path, folder: ConfinedPath) -> Path:
-    """Write ``compare.html`` and its assets into ``folder``; return the path of the page."""
+    """Write the comparison of the results folders ``a`` and ``b``, ``compare.html`` with its assets, into ``folder``.
+
+    Return the path of the page.
+    """
     both = read_results(a), read_results(b)
     copy_assets(folder, ASSETS)
     known = both[1].by_settings
@@ -287,7 +297,7 @@ def write_page(a: StoredResults, b: StoredResults, site: Site) -> Page:
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
         both=(a, b),
         beside=(site.folder / "index.html").is_own_file(),
-        pages=_find_addresses(a, linked, site.folder) | _find_addresses(b, linked, site.folder),
+        pages=_find_page_addresses(a, linked, site.folder) | _find_page_addresses(b, linked, site.folder),
     )
 
 
@@ -309,7 +319,10 @@ def list_changes(a: StoredResults, b: StoredResults) -> dict[Rank, list[RankedCh
 
 
 def plot_overlays(a: StoredResults, b: StoredResults, parts: Mapping[Rank, Sequence[RankedChange]]) -> list[Plot]:
-    """Plot the energy errors of both runs where status or motion changed, the most important ``OVERLAYS`` of them."""
+    """Plot the energy error before and after of each run whose status or motion changed, at most ``OVERLAYS`` plots.
+
+    ``parts`` are the changes by rank; the most important come first.
+    """
     runs = [results.by_settings for results in (a, b)]
     wanted = dict.fromkeys(r.settings_id for rank in (Rank.ENDING, Rank.PHYSICS) for r in parts.get(rank, ()))
     taken: set[str] = set()
@@ -327,7 +340,7 @@ def plot_overlays(a: StoredResults, b: StoredResults, parts: Mapping[Rank, Seque
 
 
 def _make_trace(results: StoredResults, run: StoredRun, name: str, dash: int) -> Trace | None:
-    """Return the energy error of a run as a trace that begins with ``name``; None if none was stored."""
+    """Return the energy error of a run over time as a trace, ``name`` before its solver; None if none was stored."""
     series = results.series(run)
     if series is None or "energy_error" not in series:
         return None
@@ -342,11 +355,15 @@ def _make_trace(results: StoredResults, run: StoredRun, name: str, dash: int) ->
     )
 
 
-def _find_addresses(results: StoredResults, wanted: set[str], folder: ConfinedPath) -> dict[str, str]:
-    """Return the addresses, by settings_id, of runs' pages that exist in their own report."""
+def _find_page_addresses(results: StoredResults, settings_ids: set[str], folder: ConfinedPath) -> dict[str, str]:
+    """Return by settings_id the address, relative to ``folder``, of each run's page in the report of ``results``.
+
+    Only the runs ``settings_ids`` are looked up. A run without a page is left out: the report may not be written, or
+    may be older than the run.
+    """
     paths = {c.record.settings_id: ConfinedPath(results.folder) / "report" / address_run(c) for c in results.runs}
     return {
         s: os.path.relpath(paths[s].path, folder.path).replace(os.sep, "/")
-        for s in wanted & set(paths)
+        for s in settings_ids & set(paths)
         if paths[s].is_own_file()
     }

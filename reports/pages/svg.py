@@ -30,6 +30,7 @@ class Scale:
     log: bool = False
 
     def __call__(self, value: float) -> float:
+        """Return the position of ``value`` [px]; the middle if the scale has no length."""
         low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
         if self.log:
             value = math.log10(value) if value > 0.0 else low
@@ -58,19 +59,19 @@ def choose_scale(values: Sequence[float], start: float, end: float, *, log: bool
 def draw_number_line(
     measured: float, low: float, high: float, unit: str, kind: str, spread: Sequence[float] = ()
 ) -> Markup:
-    """Draw the measured number against its band, with its spread over all settings; open ends extend to the edge.
+    """Draw the ``measured`` number against its band from ``low`` to ``high``; infinite ends extend to the edge.
 
-    ``kind`` is that of the mark which colours the number.
+    ``spread`` has the numbers measured in all settings; ``kind`` is that of the mark that colours the number.
     """
     around = [v for v in spread if math.isfinite(v)]
     at = choose_scale([measured, low, high, *around], 8.0, 232.0)
     if not at.log and low == 0.0 and min((measured, *around)) >= 0.0:
         at = replace(at, low=0.0)
-    return _draw("number_line", describe_bar(measured, low, high, unit), at, measured, low, high, around, kind)
+    return _draw("number_line", describe_number_line(measured, low, high, unit), at, measured, low, high, around, kind)
 
 
-def describe_bar(measured: float, low: float, high: float, unit: str) -> str:
-    """Describe the number line in words, for screen readers."""
+def describe_number_line(measured: float, low: float, high: float, unit: str) -> str:
+    """Return the ``measured`` number and its band in words, for screen readers; an infinite end is left out."""
     unit = f" {unit}" if unit else ""
     ends = [number(v) if math.isfinite(v) else "" for v in (low, high)]
     band = (
@@ -83,7 +84,7 @@ def describe_bar(measured: float, low: float, high: float, unit: str) -> str:
 
 
 def draw_panel(title: str, unit: str, values: Sequence[float], colour: str, *, star: bool) -> Markup:
-    """Draw values on a logarithmic axis over steps counted from the last, with a star if the run stopped there."""
+    """Draw magnitudes on a logarithmic axis over steps counted back from the last, which ``star`` marks as a stop."""
     first, sizes = len(values) - 1, [abs(v) for v in values]
     x, y = Scale(-float(first), 0.0, 46.0, 248.0), choose_scale(sizes, 92.0, 18.0, log=True)
     dots = [(x(k - first), y(v)) for k, v in enumerate(sizes) if math.isfinite(v)]
@@ -106,7 +107,10 @@ def choose_ticks(low: float, high: float) -> list[float]:
 
 
 def draw_badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
-    """Draw a stand-alone badge for a README: the name and its facts, with colours that need no style sheet."""
+    """Draw a stand-alone badge for a README: the name and its facts, with colours that need no style sheet.
+
+    A fact is its name, its value and the kind of mark that colours it.
+    """
     x, parts = LETTER * len(name) + 20.0, [(0.0, LETTER * len(name) + 20.0, "", name)]
     for a, b, kind in facts:
         wide = LETTER * (len(a) + len(b) + 1) + 16.0
@@ -118,11 +122,11 @@ def draw_badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
 def draw_sketch(p: Picture, words: str) -> Markup:
     """Draw a mechanism at its start: bodies, joints, supports, arrows for the axes and gravity, and names."""
     at = _fit_to_page(np.concatenate([p.lines.reshape(-1, 2), p.ground.reshape(-1, 2)]), 420.0, 300.0, 46.0)
-    ways = [(name, 26.0 * float(way[0]), -26.0 * float(way[1])) for name, way in p.arrows]
+    arrows = [(name, 26.0 * float(unit[0]), -26.0 * float(unit[1])) for name, unit in p.arrows]
     a, b = p.lines[:, None, 0], p.lines[:, None, 1]
     ink = at(a + np.linspace(0.0, 1.0, 50)[:, None] * (b - a)).reshape(-1, 2)
     placed = [(name, *_place_name(np.array(at(c)), name, ink)) for name, c in p.names]
-    return _draw("sketch", words, at(p.lines), at(p.joints), at(p.ground), ways, placed)
+    return _draw("sketch", words, at(p.lines), at(p.joints), at(p.ground), arrows, placed)
 
 
 def draw_snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, words: str) -> Markup:
@@ -138,9 +142,10 @@ def draw_snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarra
 
 
 def draw_tracking(dots: Sequence[tuple[float, str, str, str]], whole: int, words: str) -> Markup:
-    """Draw a dot for each fraction of a line, with its name if there is room, and the count that reaches the end.
+    """Draw a line with a dot for each solver that tracks a part of the motion, and the number that track all of it.
 
-    ``dots`` hold fraction, colour, words and name; ``whole`` is the count, ``words`` describe the picture.
+    ``dots`` hold the fraction of the line, colour, words and name, which is written where there is room; ``whole`` is
+    the number, ``words`` describe the picture.
     """
     left, right, taken, placed = 6.0, 352.0, -math.inf, []
     for share, colour, said, name in sorted(dots):
@@ -152,14 +157,17 @@ def draw_tracking(dots: Sequence[tuple[float, str, str, str]], whole: int, words
 
 
 def _fit_to_page(seen: np.ndarray, width: float, height: float, room: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the map from drawing points (y up) to pixels (y down) that centres ``seen``, leaving a margin ``room``."""
+    """Return the map from drawing points (y up) to pixels (y down) that centres the points ``seen`` on the picture.
+
+    The picture has ``width`` and ``height`` with a margin ``room`` [px].
+    """
     low, high = seen.min(axis=0), seen.max(axis=0)
     scale = float(np.min((np.array([width, height]) - 2.0 * room) / np.maximum(high - low, 1e-9)))
     return lambda p: np.array([width, height]) / 2.0 + scale * (p - (low + high) / 2.0) * [1.0, -1.0]
 
 
 def _place_name(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:
-    """Return the place nearest to ``at`` where a name covers no point of ``ink``, or else the place below ``at``."""
+    """Return the place [px] nearest to ``at`` where a name covers no point of ``ink``, else the place below ``at``."""
     half = np.array([LETTER * len(name) / 2.0 + 5.0, 11.0])
     places = [at + r * np.array([math.sin(a), math.cos(a)]) for r in range(16, 80, 4) for a in TURNS]
     free = (x for x in places if not np.any(np.all(np.abs(ink - x) < half, axis=1)))

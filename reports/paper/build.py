@@ -22,13 +22,13 @@ from ..plots.paper import (
     draw_panel,
     find_note_size,
     format_label,
-    save,
+    save_figure,
     set_limits,
     sheet,
     strip_math,
 )
 from ..plots.spec import LineStyle, Plot, Trace, choose_styles
-from .captions import FOLDER, Caption, caption, write_captions
+from .captions import FOLDER, Caption, make_caption, write_captions
 from .catalogue import FIGURES, Panel, PaperFigure, Sketch
 from .lines import PaperLine, RequestedRun, list_records, make_plot, match_runs
 from .sketch import draw_sketch
@@ -44,10 +44,10 @@ def draw_figures(
     suffixes: Sequence[str] = SUFFIXES,
     font: Font = DEFAULT_FONT,
 ) -> list[Caption]:
-    """Draw the figures of ``mbsbench figures --paper``, write their captions, and return these.
+    """Draw the figures of ``mbsbench figures --paper`` from the results in ``folder``; write and return their captions.
 
-    ``only`` are names of figures, all if empty; ``specs`` are the runs of the suite ``paper``. ``tell`` receives a line
-    per figure. Raise ValueError for an unknown name.
+    ``only`` are names of figures, all if empty; ``specs`` are the runs of the suite ``paper``. ``tell`` is called with
+    a line per figure. Raise ValueError for an unknown name.
     """
     names = [s.name for s in FIGURES]
     unknown = [name for name in only if name not in names]
@@ -73,16 +73,21 @@ def draw_figure(
     """Draw one figure into the results folder and return its caption."""
     lines = match_runs(figure.picks, specs, results.runs, results.readable_series)
     own = choose_styles({*results.solvers, *(k.asked.solver for k in lines)})
-    files = save(lambda: draw(figure, lines, own), ConfinedPath(results.folder) / FOLDER, figure.name, suffixes, font)
-    return caption(figure, lines, results.folder, [p.name for p in files])
+    files = save_figure(
+        lambda: draw_panels(figure, lines, own), ConfinedPath(results.folder) / FOLDER, figure.name, suffixes, font
+    )
+    return make_caption(figure, lines, results.folder, [p.name for p in files])
 
 
-def draw(spec: PaperFigure, lines: Sequence[PaperLine], looks: Mapping[str, LineStyle]) -> Figure:
-    """Draw the figure ``spec`` with its runs; ``looks`` are by solver."""
+def draw_panels(spec: PaperFigure, lines: Sequence[PaperLine], looks: Mapping[str, LineStyle]) -> Figure:
+    """Draw the panels and sketches of the figure ``spec`` with one legend below; ``looks`` are line styles by solver.
+
+    The legend names every requested run, also one that is missing.
+    """
     plots = [[make_plot(p, lines) if isinstance(p, Panel) else p for p in row] for row in spec.rows]
     panels = [p for row in plots for p in row if isinstance(p, Plot)]
     named, none = list[Trace](), np.zeros(0)
-    for k in lines if panels else ():  # every requested run, a missing one without a line
+    for k in lines if panels else ():
         solver = k.asked.solver if k.run else ""
         named.append(Trace(k.words, none, none, solver, "lines" if solver else "markers", k.dash))
     legend = Legend.build([*named, *(t for p in panels for t in p.traces if not t.solver)], looks, wide=True)
@@ -115,7 +120,7 @@ def draw(spec: PaperFigure, lines: Sequence[PaperLine], looks: Mapping[str, Line
 
 
 def _label_panel(ax: Axes, part: Panel, plot: Plot, lines: Sequence[PaperLine]) -> None:
-    """Set the panel's labels and ticks, write its caption, and shade the band of allowed energy."""
+    """Set the panel's labels and ticks, write its caption, and shade the allowed energy if the panel has ``band``."""
     ax.set_xlabel(format_label(plot.x))
     ax.set_ylabel("" if part.continued else format_label(plot.y))
     ax.tick_params(labelleft=not part.continued)

@@ -101,23 +101,23 @@ def read_captions(folder: Path) -> tuple[Caption, ...]:
         return ()
 
 
-def write_captions(folder: Path, environment: Any, made: list[Caption], order: list[str]) -> None:
-    """Write the captions ``made`` now together with those of figures drawn earlier.
+def write_captions(folder: Path, environment: Any, drawn: list[Caption], order: list[str]) -> None:
+    """Write the captions of the figures ``drawn`` now, and keep those of other figures that were drawn earlier.
 
-    ``order`` are the names of all figures, in order.
+    ``order`` are the names of all figures, in order; ``environment`` is the results' stamp.
     """
-    new = {c.name for c in made}
-    every = [*(c for c in read_captions(folder) if c.name in order and c.name not in new), *made]
+    new = {c.name for c in drawn}
+    every = [*(c for c in read_captions(folder) if c.name in order and c.name not in new), *drawn]
     figures = tuple(sorted(every, key=lambda c: order.index(c.name)))
     whole = Captions(folder.name, str(environment.get("commit", "")), figures)
     (ConfinedPath(folder) / FOLDER / FILE).write(to_json(whole, indent=1))
 
 
-def caption(figure: PaperFigure, lines: Sequence[PaperLine], folder: Path, written: Sequence[str]) -> Caption:
-    """Return the caption of one figure; ``written`` are the names of its files.
+def make_caption(figure: PaperFigure, lines: Sequence[PaperLine], folder: Path, written: Sequence[str]) -> Caption:
+    """Return the caption of one figure drawn from the results in ``folder``; ``written`` are the names of its files.
 
-    Claims are on the figure with the printed settings only. They are those judged by these results, or the published
-    ones if none can be read.
+    Only the figure with the printed settings has claims: those judged by these results, or the published ones if they
+    are not judged.
     """
     try:
         judged = files.read_claims(ConfinedPath(folder) / files.FOLDER)
@@ -166,10 +166,10 @@ def _write_notes(figure: PaperFigure, lines: Sequence[PaperLine]) -> list[str]:
 
 
 def _caption_run(line: PaperLine) -> CaptionRun:
-    """Return a requested run for the caption: how it ended, and its numbers."""
+    """Return a requested run for the caption: how it ended, and its numbers; neither if it is not in the results."""
     asked, run = line.asked, line.run
-    what = line.role, asked.solver, asked.case, asked.settings_id
+    names = line.role, asked.solver, asked.case, asked.settings_id
     if run is None:
-        return CaptionRun(*what)
+        return CaptionRun(*names)
     numbers = {name: getattr(run.record, name) for name in NUMBERS}
-    return CaptionRun(*what, run.record.run_id, run.record.status, tuple(run.reasons), numbers)
+    return CaptionRun(*names, run.record.run_id, run.record.status, tuple(run.reasons), numbers)

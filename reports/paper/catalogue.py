@@ -69,7 +69,10 @@ class PaperFigure:
 
 
 def _read_figures(given: dict[str, Any]) -> Iterator[PaperFigure]:
-    """Yield the figures of the file; of each number the printed one before the recommended one."""
+    """Yield the figures of ``given``, the contents of ``figures.toml``: by number, as printed and then recommended.
+
+    A label without runs has no figure. A panel without a window of its own gets that of the figure.
+    """
     sketches = {name: Sketch(**v) for name, v in given["sketches"].items()}
     panels = {}
     for name, v in given["panels"].items():

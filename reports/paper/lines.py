@@ -89,28 +89,36 @@ def match_runs(
     runs: Iterable[StoredRun],
     read: Callable[[StoredRun], Series | None] = lambda run: None,
 ) -> list[PaperLine]:
-    """Return a line per requested run in the order of the picks; of two runs with equal settings the later is used.
+    """Return a line per requested run in the order of the picks, also for a run that is not in the results.
 
-    ``specs`` are the runs of the suite, ``runs`` those found; ``read`` returns the series of a run.
+    ``specs`` are the runs of the suite, ``runs`` those in the results, of which the latest with the same settings is
+    used; ``read`` returns the series of a run.
     """
     known = list(specs)
     asked = [s for p in picks for s in select_runs(p, known)]
-    there = {r.record.settings_id: r for r in sorted(runs, key=lambda r: r.record.finished)}
-    found = [(s, there.get(s.settings_id)) for s in asked]
+    latest = {r.record.settings_id: r for r in sorted(runs, key=lambda r: r.record.finished)}
+    found = [(s, latest.get(s.settings_id)) for s in asked]
     drawn = [run for _, run in found if run]
     dash = {k.run.record.run_id: k.dash for k in make_lines(drawn, find_shared_options(drawn))}
     series = {run.record.run_id: read(run) for run in drawn}
-    lines = [(s, run, _settings(s, asked), run.record.run_id if run else "") for s, run in found]
+    lines = [(s, run, _describe_settings(s, asked), run.record.run_id if run else "") for s, run in found]
     return [PaperLine(s, run, words, series.get(name), dash.get(name, 0)) for s, run, words, name in lines]
 
 
 def select_runs(pick: RunSelection, specs: Sequence[RequestedRun]) -> list[RequestedRun]:
-    """Return the runs of the suite that ``pick`` selects, solver by solver."""
-    there = [s for s in specs if s.label == pick.label and format_name(s.problem, s.parameters) == pick.variant]
+    """Return the runs of the suite with the label and variant of ``pick``, for each of its solvers in turn.
+
+    With ``pick.every`` they are all runs of a solver, else one: that with the smallest tolerance or, for fixed steps,
+    with the largest step, which the paper prints.
+    """
+    candidates = [s for s in specs if s.label == pick.label and format_name(s.problem, s.parameters) == pick.variant]
     out: list[RequestedRun] = []
     for solver in pick.solvers:
-        own = [s for s in there if s.solver == solver]
-        out += own if pick.every else own and [min(own, key=lambda s: s.control.rtol or -(s.control.dt or 0.0))]
+        own = [s for s in candidates if s.solver == solver]
+        if own and not pick.every:
+            # a run has either a tolerance or a step, whose sign is turned: the least is the largest step
+            own = [min(own, key=lambda s: s.control.rtol or -(s.control.dt or 0.0))]
+        out += own
     return out
 
 
@@ -119,10 +127,11 @@ def find_magnified_series(
     duration: Callable[[str, Mapping[str, Any]], float],
     figures: Iterable[PaperFigure] = FIGURES,
 ) -> dict[str, set[str]]:
-    """Return by settings_id the names of the series of which a panel draws less than half.
+    """Return by settings_id the names of the series of which a panel of ``figures`` draws less than half.
 
     The stored envelope of a series suffices to draw a whole run, but has too few spans for a small part of it.
-    ``duration`` returns the simulated time of a run [s] from its problem and the parameters of that.
+    ``specs`` are the runs of the suite; ``duration`` returns the simulated time of a run [s] from its problem and the
+    problem's parameters.
     """
     out: dict[str, set[str]] = {}
     for figure in figures:
@@ -133,17 +142,17 @@ def find_magnified_series(
     return out
 
 
-def _settings(asked: RequestedRun, others: Sequence[RequestedRun]) -> str:
-    """Describe a run's step or tolerance, and its label and direction where ``others`` of its solver have another."""
+def _describe_settings(asked: RequestedRun, others: Sequence[RequestedRun]) -> str:
+    """Describe a run's step or tolerance, with its label and direction c_R if ``others`` of its solver have others."""
     c = asked.control
     own = [asked, *(s for s in others if s.solver == asked.solver)]
     words = zip(*((s.label, DIRECTIONS[s.options.get("direction", "a")]) for s in own), strict=True)
-    differs = [of[0] for of in words if len(set(of)) > 1]
-    return ", ".join([f"dt = {c.dt:g} s" if c.dt is not None else f"rtol = {c.rtol:g}", *differs])
+    differing = [column[0] for column in words if len(set(column)) > 1]
+    return ", ".join([f"dt = {c.dt:g} s" if c.dt is not None else f"rtol = {c.rtol:g}", *differing])
 
 
 def select_lines(panel: Panel, lines: Sequence[PaperLine]) -> list[PaperLine]:
-    """Return the lines that the panel shows."""
+    """Return the lines of a panel: all, or if it is ``tightest`` only those of each solver's smallest tolerance."""
     if not panel.tightest:
         return list(lines)
     asked = group_by((k.asked for k in lines), lambda a: a.solver)
@@ -187,7 +196,10 @@ def make_curve(line: PaperLine, name: str, panel: Panel) -> Curve | None:
 
 
 def clip_points(t: np.ndarray, a: np.ndarray, window: tuple[float, float], *, largest: bool = False) -> Curve:
-    """Return the points of the window and one beyond each edge; with ``largest`` the peaks of |a| only."""
+    """Return a curve of few points in the window [s] and one beyond each edge.
+
+    It passes through the smallest and largest values of equal spans of time, or with ``largest`` the largest |a|.
+    """
     first = max(int(np.searchsorted(t, window[0])) - 1, 0)
     last = int(np.searchsorted(t, window[1], side="right")) + 1
     kind = find_maxima if largest else find_extrema
@@ -227,36 +239,43 @@ def list_records(lines: Sequence[PaperLine]) -> list[RunRecord]:
 def find_limits(
     panel: Panel, records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve], exact: Curve | None
 ) -> tuple[float, float]:
-    """Return the lowest and highest value shown: the range of all data, unless one line would hide the others."""
-    size = _largest(records, "length_scale_m", 1.0)
+    """Return the limits of a panel's axis of values: the range of the ``drawn`` curves and the ``exact`` one.
+
+    Steps, logarithmic axes and lengths that stay zero have limits of their own. Curves that diverge are cut near the
+    exact one or, without it, ``CUT`` times the problem's size (lengths) or energy scale from their start.
+    """
+    size = _find_largest(records, "length_scale_m", 1.0)
     if not drawn:
         return (1e-3, 1.0) if panel.axis.log else (0.0, 1.0)
     if panel.of == ("dt",):
-        return _step_limits(panel, drawn)
+        return _find_step_limits(panel, drawn)
     if panel.axis.log:
         return find_log_limits(drawn, size)
     if is_rounding(records, units, drawn):
         return -1e-3 * size, 1e-3 * size
     reach = size if units == {"m"} else np.inf
     if panel.of == ("energy",):
-        reach = _largest(records, "energy_scale_J", np.inf)
+        reach = _find_largest(records, "energy_scale_J", np.inf)
     return find_value_limits(drawn, exact, CUT * reach)
 
 
 def is_rounding(records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve]) -> bool:
     """Return whether the curves are of a length that stays zero to rounding."""
     top = max(float(np.abs(c.y).max()) for c in drawn)
-    return units == {"m"} and top < NOTHING * _largest(records, "length_scale_m", 1.0)
+    return units == {"m"} and top < NOTHING * _find_largest(records, "length_scale_m", 1.0)
 
 
-def _step_limits(panel: Panel, drawn: Sequence[Curve]) -> tuple[float, float]:
-    """Return limits for every step but the first ones; each line's last step, of interest in a failure, is included."""
+def _find_step_limits(panel: Panel, drawn: Sequence[Curve]) -> tuple[float, float]:
+    """Return limits [s] for all step sizes but those of the first ``START`` of the window.
+
+    The last step of each line is included: in a failure it is of interest.
+    """
     late = panel.window[0] + START * (panel.window[1] - panel.window[0])
     kept = np.concatenate([np.append(c.y[c.t > late], c.y[-1]) for c in drawn if len(c)])
     kept = kept[kept > 0.0]
     return (0.6 * float(kept.min()), 1.8 * float(kept.max())) if len(kept) else (1e-3, 1.0)
 
 
-def _largest(records: Sequence[RunRecord], column: str, default: float) -> float:
+def _find_largest(records: Sequence[RunRecord], column: str, default: float) -> float:
     """Return the largest positive value of a column of the records, else ``default``."""
     return max((v for r in records if (v := getattr(r, column)) > 0.0), default=default)

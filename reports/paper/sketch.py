@@ -14,7 +14,10 @@ WIDTHS = 5.0, 2.4  # [pt] width of a body, for few and for many bodies
 
 
 def draw_sketch(ax: Axes, p: Picture) -> None:
-    """Draw bodies, joints, hatched supports, axes of space, gravity, and the names of the first and last body."""
+    """Draw a mechanism into ``ax``: bodies, joints, hatched supports, axes of space, gravity, and bodies' names.
+
+    The names are those of the first and the last body, if there are two or more.
+    """
     ax.set_axis_off()
     ax.set_aspect("equal")
     points = np.concatenate((p.lines.reshape(-1, 2), p.ground))
@@ -27,9 +30,9 @@ def draw_sketch(ax: Axes, p: Picture) -> None:
         corners = np.array([[0.0, 0.0], [-0.6, 1.0], [0.6, 1.0]]) * SUPPORT * size + [x, y]
         ax.add_patch(Polygon(corners, facecolor="none", edgecolor=INK, linewidth=0.7, hatch="/////", zorder=0.5))
     ax.plot(*p.joints.T, "o", color="white", markersize=width, markeredgecolor=INK, markeredgewidth=0.7, zorder=4)
-    for name, way in p.arrows:
+    for name, direction in p.arrows:
         start = [high[0] + 0.32 * size, high[1]] if name == "g" else low - 0.3 * size
-        ends = np.array([start, start + LENGTH * size * way])
+        ends = np.array([start, start + LENGTH * size * direction])
         ax.update_datalim(ends)
         ax.annotate(
             "",
@@ -38,7 +41,7 @@ def draw_sketch(ax: Axes, p: Picture) -> None:
             annotation_clip=False,
             arrowprops={"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0, "color": MUTED},
         )
-        _write_words(ax, f"${name}$", ends[1], 8.0 * way, MUTED)
+        _write_words(ax, f"${name}$", ends[1], 8.0 * direction, MUTED)
     for name, at in p.names if len(p.names) > 1 else ():  # outwards, where bars are few
         _write_words(ax, strip_math(name), at, np.array([np.copysign(24.0, at[0] - 0.5 * (low + high)[0]), -6.0]), INK)
 

@@ -45,9 +45,10 @@ class Steps:
         self.log = log and bool(np.all(self.values >= 0.0))
 
     def count_steps(self) -> tuple[np.ndarray, dict[str, float]]:
-        """Return each value as a whole number of steps below 65536, and the numbers by which a page undoes that.
+        """Return each value as a whole number of steps below 65536, and by name the numbers that restore the values.
 
-        Both are empty for values that are not finite or absent, which are stored as they are.
+        These are ``step`` with ``low`` or, for steps of the logarithm, ``log``. Both results are empty if a value is
+        not finite or there is none: such arrays are stored as they are.
         """
         v = self.values
         if not v.size or not np.all(np.isfinite(v)):
@@ -66,7 +67,7 @@ class Steps:
 
 
 def _pack_leaves(value: Any, parts: bytearray) -> Any:
-    """Return ``value`` with each array replaced by its description; the array's bytes are appended to ``parts``."""
+    """Return nested data with each array replaced by its description; the array's bytes are appended to ``parts``."""
     if isinstance(value, Steps):
         counts, undo = value.count_steps()
         packed = undo or not value.values.size
@@ -81,9 +82,10 @@ def _pack_leaves(value: Any, parts: bytearray) -> Any:
 
 
 def _store_array(array: np.ndarray, parts: bytearray) -> dict[str, Any]:
-    """Append the bytes of an array to ``parts``, and return its kind, its offset and its length.
+    """Append the bytes of an array to ``parts``; return its ``kind``, its offset ``at`` and its length ``n``.
 
-    Floats become float32 and counts differences, low bytes first, which deflates better.
+    Floats become float32, counts up to 65535 differences of uint16, other counts int32. First come the lowest bytes of
+    all elements, then the next ones, which deflates better.
     """
     if array.dtype.kind == "f":
         with np.errstate(over="ignore"):

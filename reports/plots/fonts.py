@@ -77,7 +77,7 @@ DEFAULT_FONT = Font()
 
 
 def find_font(family: str = "", size: float | None = None) -> Font:
-    """Return the requested font.
+    """Return the font of an installed ``family`` and a ``size`` [pt]; defaults replace what is not given.
 
     Raise ValueError for a size outside ``SIZES``, or with the nearest families for a family that is not installed.
     """

@@ -73,7 +73,8 @@ class Drawing:
     def find_extremes(self, name: str, until: float = math.inf) -> list[tuple[float, str]]:
         """Return the smallest and largest peak up to ``until`` [s] of the solvers' finest runs, each with its solver.
 
-        Runs under the drawing's label are compared if it has any; a single line gives one value.
+        Runs under the drawing's label are compared if it has any. The list has one element for a single run, and none
+        if no run has the curve ``name``.
         """
         main = [line for line in self.lines if line.main]
         own = [line for line in main if line.run.record.label == self.label] or main
@@ -100,7 +101,7 @@ class Drawing:
         t: Axis | None = None,
         until: float = math.inf,
     ) -> Iterable[Plot]:
-        """Yield the logarithmic plot of the nonnegative quantity ``curve`` over time; none if no run has it.
+        """Yield one plot of the nonnegative quantity ``curve`` over time on a logarithmic axis; none if no run has it.
 
         ``name``, ``title``, ``caption`` and ``axis`` are the plot's; values far below or above ``scale`` are cut.
         ``extra`` are traces such as a limit, ``t`` replaces the time axis, and peaks after ``until`` [s] do not count
@@ -145,7 +146,7 @@ def plot_laws(d: Drawing) -> Chapter | None:
     energy, length = d.find_scale("energy_scale_J"), d.find_scale("length_scale_m")
     runs = [line.run for line in d.lines]
     limits = {law: make_limit_line(runs, name, d.axis.high) for law, name in LIMITED.items()}
-    return _chapter(
+    return _make_chapter(
         "Laws and step",
         "Quantities that the exact motion conserves, and the accepted steps.",
         [
@@ -190,7 +191,7 @@ def plot_laws(d: Drawing) -> Chapter | None:
 
 
 def plot_declared(d: Drawing) -> Chapter | None:
-    """Return the chapter with a plot of each column that declares a figure; None if no run has any of them."""
+    """Return the chapter with a plot of each record's column that declares a figure; None if no run has any of them."""
     plots: list[Plot] = []
     for name, declared in DECLARED.items():
         if declared.figure:
@@ -205,7 +206,7 @@ def plot_declared(d: Drawing) -> Chapter | None:
                 max((size for size in sizes if math.isfinite(size)), default=1.0) or 1.0,
                 make_limit_line([line.run for line in d.lines], name, d.axis.high),
             )
-    return _chapter("Further quantities", "Quantities that columns declare.", plots)
+    return _make_chapter("Further quantities", "Quantities that columns declare.", plots)
 
 
 def plot_errors(d: Drawing) -> Chapter | None:
@@ -225,7 +226,7 @@ def plot_errors(d: Drawing) -> Chapter | None:
         note += f" Errors are judged up to {time(until)} s (dotted line); beyond it the motion is chaotic."
     plane = "Worst body's distance from the plane that the exact motion stays in."
     plots += d.plot_log("out_of_plane", "plane", "Out of the plane", plane, Axis("distance", "m"), length)
-    return _chapter("Errors against the reference", note, plots)
+    return _make_chapter("Errors against the reference", note, plots)
 
 
 def plot_observables(d: Drawing) -> Chapter | None:
@@ -262,7 +263,7 @@ def plot_observables(d: Drawing) -> Chapter | None:
             high - low,
             t=d.known_axis,
         )
-    return _chapter("Observables", "Quantities that the problem defines for comparison.", plots)
+    return _make_chapter("Observables", "Quantities that the problem defines for comparison.", plots)
 
 
 def plot_invariants(d: Drawing) -> Chapter | None:
@@ -273,10 +274,10 @@ def plot_invariants(d: Drawing) -> Chapter | None:
         size = max((s for s in starts if 0.0 < s < float("inf")), default=1.0)
         caption = f"Departure from the start ({number(size)} {in_unit}), {d.largest}."
         plots += d.plot_log(f"inv_{name}", f"inv-{name}", name, caption, Axis(f"|{name} − start|", in_unit), size)
-    return _chapter("Invariants", "Quantities beside energy that the exact motion conserves.", plots)
+    return _make_chapter("Invariants", "Quantities beside energy that the exact motion conserves.", plots)
 
 
-def _chapter(title: str, note: str, plots: Sequence[Plot]) -> Chapter | None:
+def _make_chapter(title: str, note: str, plots: Sequence[Plot]) -> Chapter | None:
     """Return the plots as a chapter; None if there are none."""
     return Chapter(title, note, tuple(plots)) if plots else None
 

@@ -28,9 +28,9 @@ class Line:
 
 
 def choose_lines(variant: Variant, url: Callable[[StoredRun], str], most: int = EVER) -> list[Line]:
-    """Return at most ``most`` lines: each solver's finest run under every label, then wrong, failed and other ones.
+    """Return at most ``most`` lines, and ``MOST`` a label: solvers' finest runs, then failures, then finer settings.
 
-    ``url`` gives the address of a run's page.
+    They are returned in the order of labels and runs. ``url`` gives the address of a run's page.
     """
     chosen: list[Line] = []
     for runs in variant.labels().values():
@@ -70,9 +70,10 @@ def find_shared_options(runs: Iterable[StoredRun]) -> dict[str, frozenset[str]]:
 def make_traces(
     drawn: Iterable[tuple[Line, Curve]], limits: tuple[float, float], floor: float | None = None
 ) -> list[Trace]:
-    """Return a trace per line, cut to ``limits``; on a logarithmic axis values below ``floor`` are rounding.
+    """Return a trace per line, cut to ``limits``; lines that coincide are distinguished.
 
-    Each trace gives the range of the axis that it needs, so that hidden ones need none.
+    With a ``floor`` the axis is logarithmic, and values below it are rounding. Each trace states the range of the axis
+    that it needs, so that a hidden trace takes no room.
     """
     out = []
     for line, curve in drawn:
@@ -114,16 +115,16 @@ def distinguish_lines(found: Sequence[Trace], floor: float | None = None) -> lis
 
 
 def coincide(a: Trace, b: Trace, floor: float | None) -> bool:
-    """Return whether two traces differ by less than a line's width and end together.
+    """Return whether two traces differ by less than a line's width, where both have points, and end together.
 
-    With a ``floor`` the axis is logarithmic.
+    With a ``floor`` the axis is logarithmic and lower values count as the floor.
     """
     ya, yb = (t.y if floor is None else np.log10(np.maximum(t.y, floor)) for t in (a, b))
     both = b.x[(b.x >= a.x[0]) & (b.x <= a.x[-1])]
     if len(both) < len(b.x) / 2 or abs(a.x[-1] - b.x[-1]) > WIDE * a.x[-1]:
         return False
-    apart = np.abs(np.interp(both, a.x, ya) - np.interp(both, b.x, yb))
-    return bool(np.max(apart) <= WIDE * max(np.ptp(ya), np.ptp(yb)))
+    distance = np.abs(np.interp(both, a.x, ya) - np.interp(both, b.x, yb))
+    return bool(np.max(distance) <= WIDE * max(np.ptp(ya), np.ptp(yb)))
 
 
 def _make_urgency_key(line: Line) -> tuple[bool, bool, int]:

@@ -51,9 +51,10 @@ def draw_plots(
     height: float = 1.95,
     unseen: Sequence[Trace] = (),
 ) -> Figure:
-    """Draw the plots as panels, each ``height`` [in] high, of one journal column, or two if ``columns`` exceeds 1.
+    """Draw the plots as panels, each ``height`` [in] high, in at most ``columns`` columns, with one legend below.
 
-    ``looks`` are line styles by solver. The ``unseen`` traces are only in the legend.
+    The figure has the width of one column of a journal, or of two if ``columns`` exceeds 1. ``looks`` are line styles
+    by solver. The ``unseen`` traces are only in the legend.
     """
     wide, columns = columns > 1, min(columns, len(plots))
     rows, width = -(-len(plots) // columns), DOUBLE if wide else SINGLE
@@ -88,9 +89,9 @@ class Legend:
 
     @staticmethod
     def build(traces: Sequence[Trace], looks: Mapping[str, LineStyle], wide: bool, room: float = np.inf) -> "Legend":
-        """Return a legend with every name once, in as many columns as fit.
+        """Return a legend with every name once, in as many columns as fit; ``wide`` is for a figure of two columns.
 
-        If it is higher than ``room`` [in], it names solvers only.
+        It names solvers only if it has more than ``NAMED`` names or is higher than ``room`` [in].
         """
         for most in (NAMED, 0):
             handles = _make_handles(traces, looks, int((96 if wide else 62) / scale()), most)
@@ -187,7 +188,10 @@ def _draw_triangle(ax: Axes, triangle: Triangle) -> None:
 
 
 def set_limits(ax: Axes, plot: Plot) -> None:
-    """Set the limits, once all panels that share the axes are drawn: a limit on one side fixes the other."""
+    """Set the limits of both axes and the ticks of an axis with names.
+
+    It is called once all panels that share the axes are drawn, since a limit on one side fixes the other.
+    """
     ax.set_xlim(*(v if v == v else None for v in (plot.x.low, plot.x.high)))
     ax.set_ylim(*(v if v == v else None for v in (plot.y.low, plot.y.high)))
     for which, axis in ((ax.xaxis, plot.x), (ax.yaxis, plot.y)):
@@ -197,7 +201,7 @@ def set_limits(ax: Axes, plot: Plot) -> None:
 
 
 def _draw_trace(ax: Axes, trace: Trace, look: LineStyle, floors: tuple[float, float], phase: float) -> None:
-    """Draw one trace; values below ``floors`` (x and y) are raised to them.
+    """Draw one trace with its band, spread, markers and the marks of its ends; ``floors`` are the least x and y drawn.
 
     ``phase`` from 0 to 1 shifts the markers of long lines against each other.
     """
@@ -208,7 +212,7 @@ def _draw_trace(ax: Axes, trace: Trace, look: LineStyle, floors: tuple[float, fl
     if trace.left is not None and trace.right is not None:
         ax.hlines(y, np.maximum(trace.left, floors[0]), trace.right, color=look.colour, linewidth=2.2, alpha=0.45)
     ends = list(trace.ends) or [*[""] * (len(x) - 1), trace.end]
-    style = _style(trace, look)
+    style = _choose_style(trace, look)
     if trace.mode == "lines":
         u = np.log(x) if floors[0] > 0.0 else x
         spots = np.searchsorted(u, u[0] + (np.arange(5) + phase) / 5.0 * (u[-1] - u[0]))
@@ -238,7 +242,7 @@ def _draw_trace(ax: Axes, trace: Trace, look: LineStyle, floors: tuple[float, fl
         mark_end(ax, end, x[k], y[k], look.colour)
 
 
-def _style(trace: Trace, look: LineStyle) -> dict:
+def _choose_style(trace: Trace, look: LineStyle) -> dict:
     """Return the matplotlib settings of a trace's line and markers."""
     line = DASHES[trace.dash % len(DASHES)] if "lines" in trace.mode else ""
     width = {} if trace.solver else {"linewidth": 0.6}
@@ -254,7 +258,11 @@ def _style(trace: Trace, look: LineStyle) -> dict:
 
 
 def _make_handles(traces: Sequence[Trace], looks: Mapping[str, LineStyle], wrap: int, most: int) -> list[Line2D]:
-    """Return one handle per name; beyond ``most``, one per solver and one per trace without a solver."""
+    """Return the handles of a legend: one per name, engines last, then those of stars and crosses if there are any.
+
+    Of more than ``most`` names, those of solvers and of traces without a solver remain. Names are wrapped at ``wrap``
+    characters.
+    """
     named = {t.name: t for t in reversed(traces)}
     if len(named) > most:  # a solver is shown by its main line
         named = {t.solver or t.name: t for t in sorted(traces, key=lambda t: t.main)}
@@ -262,7 +270,7 @@ def _make_handles(traces: Sequence[Trace], looks: Mapping[str, LineStyle], wrap:
     for name in dict.fromkeys(t.name if t.name in named else t.solver for t in traces):
         t = named[name]
         look = looks.get(t.solver, INKED)
-        style = _style(t, look) | ({} if t.solver or t.hollow else {"marker": ""})
+        style = _choose_style(t, look) | ({} if t.solver or t.hollow else {"marker": ""})
         shown = name if name == t.name else t.who or t.solver
         words = f"{strip_math(shown)} (engine)" if look.family == ENGINES else strip_math(shown)
         out.append(Line2D([], [], **style, label=fill(words, wrap)))
@@ -276,7 +284,7 @@ def _make_handles(traces: Sequence[Trace], looks: Mapping[str, LineStyle], wrap:
 
 
 def _find_floor(traces: Sequence[Trace], key: str) -> float:
-    """Return where zeros of a coordinate (``key``, x or y) are drawn: ``ZERO`` times below all positive values."""
+    """Return where zeros of the coordinate ``key``, x or y, are drawn: ``ZERO`` times below all positive values."""
     points = [t for t in traces if t.mode != "lines"] or traces
     above = [float(v[v > 0.0].min()) for t in points if (v := getattr(t, key)).size and np.any(v > 0.0)]
     return min(above) / ZERO if above else 1e-16
@@ -302,14 +310,14 @@ def sheet(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
 
 
-def save(
+def save_figure(
     draw: Callable[[], Figure],
     folder: ConfinedPath,
     name: str,
     suffixes: Sequence[str] = SUFFIXES,
     font: Font = DEFAULT_FONT,
 ) -> list[Path]:
-    """Draw a figure once in the given font, write it as each file type in ``suffixes``, and return the paths, sorted.
+    """Draw a figure once in ``font``, write it into ``folder`` as each file type of ``suffixes``; return sorted paths.
 
     Equal records give equal bytes.
     """

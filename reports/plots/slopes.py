@@ -27,7 +27,11 @@ Points = np.ndarray  # (n, 2), fractions of the plot
 
 
 def find_order(x: np.ndarray, y: np.ndarray) -> int:
-    """Return the whole order that the longest sequence of neighbouring slopes of a ladder follows; 0 for none."""
+    """Return the whole order that the longest sequence of neighbouring slopes of a ladder follows; 0 for none.
+
+    ``x`` are steps and ``y`` errors. Pairs that are not positive, and steps nearly equal to the one before, are left
+    out; fewer than ``LEAST`` runs have no order.
+    """
     good = (x > 0.0) & (y > 0.0) & np.isfinite(x) & np.isfinite(y)
     at = np.argsort(x[good])
     x, y = x[good][at], y[good][at]
@@ -46,7 +50,10 @@ def find_order(x: np.ndarray, y: np.ndarray) -> int:
 
 
 def add_triangles(plot: Plot, orders: Iterable[tuple[int, Trace]]) -> Plot:
-    """Return the plot with a triangle for each order, near a trace that has it; the traces are unchanged."""
+    """Return the plot with a triangle for each positive order, near a trace of that order.
+
+    ``orders`` holds pairs of an order and a trace. A plot without an extent along both axes is returned as it is.
+    """
     owners: dict[int, list[Trace]] = {}
     for order, trace in orders:
         if order > 0:
@@ -58,9 +65,9 @@ def add_triangles(plot: Plot, orders: Iterable[tuple[int, Trace]]) -> Plot:
     out = []
     for order in sorted(owners):
         near = np.concatenate([frame.sample_trace(t) for t in owners[order]])
-        triangle = frame.place(order, np.concatenate(taken), near)
+        triangle = frame.place_triangle(order, np.concatenate(taken), near)
         out.append(triangle)
-        taken.append(frame.cover(triangle))
+        taken.append(frame.cover_triangle(triangle))
     return replace(plot, triangles=tuple(out))
 
 
@@ -83,7 +90,7 @@ class _Frame:
         return bool(np.all(self.size > 0.0))
 
     def sample_trace(self, trace: Trace) -> Points:
-        """Return the points of a trace and, if it has a line, points densely along it."""
+        """Return the points of a trace and, if it has a line, points densely along it, as fractions of the plot."""
         with np.errstate(divide="ignore"):
             logs = np.log(np.array([trace.x, trace.y], dtype=float)).T
         uv = (np.maximum(logs, self.low) - self.low) / self.size
@@ -97,23 +104,25 @@ class _Frame:
             ]
         )
 
-    def place(self, order: int, drawn: Points, own: Points) -> Triangle:
-        """Return the widest triangle that overlaps no point of ``drawn``, as near as possible to its ``own`` points.
+    def place_triangle(self, order: int, drawn: Points, own: Points) -> Triangle:
+        """Return the widest triangle that overlaps no point of ``drawn``, as near as possible to the points ``own``.
 
-        If there is no room between the data, the triangle is placed below them.
+        These are of the traces with its order. If there is no room between the data, it is placed below them.
         """
         for bottom in (0.0, -BELOW):
             for width in WIDTHS:
                 width = min(width, TALLEST * self.size[1] / (order * self.size[0]))
-                found = self._search(order, width, drawn, own, bottom)
+                found = self._find_free_corner(order, width, drawn, own, bottom)
                 if found is not None:
-                    return self._triangle(order, width, found)
-        return self._triangle(order, width, np.array([0.5, -BELOW]))  # far below all data
+                    return self._make_triangle(order, width, found)
+        return self._make_triangle(order, width, np.array([0.5, -BELOW]))  # far below all data
 
-    def _search(self, order: int, width: float, drawn: Points, own: Points, bottom: float) -> np.ndarray | None:
-        """Return the free lower left corner of the legs that is nearest to ``own``; None if there is none.
+    def _find_free_corner(
+        self, order: int, width: float, drawn: Points, own: Points, bottom: float
+    ) -> np.ndarray | None:
+        """Return the lower left corner of the triangle that is nearest to ``own`` and free; None if there is none.
 
-        No point of ``drawn`` may be near the triangle; corners are tried from ``bottom`` upwards.
+        It is free if no point of ``drawn`` is near the triangle. Corners of a grid from ``bottom`` upwards are tried.
         """
         height = order * width * self.size[0] / self.size[1]
         right, top = 1.0 - width - DIGIT_X, 1.0 - height
@@ -128,16 +137,16 @@ class _Frame:
         if not np.any(free):
             return None
         centres = corners[free] + np.array([width, height]) * (2.0 / 3.0, 1.0 / 3.0)
-        away = np.min(np.hypot(*(centres[:, None, :] - own[None, ::5, :]).transpose(2, 0, 1)), axis=1)
-        return corners[free][int(np.argmin(away))]
+        distance = np.min(np.hypot(*(centres[:, None, :] - own[None, ::5, :]).transpose(2, 0, 1)), axis=1)
+        return corners[free][int(np.argmin(distance))]
 
-    def _triangle(self, order: int, width: float, corner: np.ndarray) -> Triangle:
+    def _make_triangle(self, order: int, width: float, corner: np.ndarray) -> Triangle:
         """Return the triangle of slope ``order`` and ``width`` (fraction of the plot) at a corner, in plot units."""
         x0, y0 = np.exp(self.low + corner * self.size)
         x1 = float(np.exp(self.low[0] + (corner[0] + width) * self.size[0]))
         return Triangle(order, (float(x0), x1), (float(y0), float(y0 * (x1 / x0) ** order)))
 
-    def cover(self, triangle: Triangle) -> Points:
+    def cover_triangle(self, triangle: Triangle) -> Points:
         """Return a grid of points that covers a triangle and its digits."""
         a, b = ((np.log(k) - self.low) / self.size for k in zip(triangle.x, triangle.y, strict=True))
         u, v = np.meshgrid(np.linspace(a[0], b[0] + DIGIT_X, 12), np.linspace(a[1] - DIGIT_Y, b[1], 12))

@@ -133,7 +133,7 @@ class LineStyle:
 
 @cache
 def list_catalogue_styles() -> dict[str, LineStyle]:
-    """Return by name the line style of every solver and engine in the catalogue."""
+    """Return by name the line style of every solver and engine in the catalogue, read once from its files' names."""
     out: dict[str, LineStyle] = {}
     names = {p.stem for p in CATALOGUE.glob("[!_]*.py")}
     for family, (colour, begins) in FAMILIES.items():

@@ -19,7 +19,7 @@ class PowerFormatter(LogFormatter):
     _sublabels: set[float] | None  # declared by the base class
 
     def set_locs(self, locs: Any = None) -> None:
-        """Label as many parts of a decade as fit if few powers of ten are visible."""
+        """Set the ticks, and where parts of decades have labels choose 1 and 3, or within one decade 1, 2, 3 and 5."""
         super().set_locs(locs)
         low, high = self.axis.get_view_interval()
         if self._sublabels and len(self._sublabels) > 1 and high > 2.0 * low:

@@ -10,7 +10,7 @@ import numpy as np
 from ...harness.results.judgements.runs import WorkProfile
 from ...harness.results.least_cost import find_least_cost
 from ...harness.results.records import find_cpu_range
-from ...harness.results.work import count_evaluations, count_index_1_evaluations, operations
+from ...harness.results.work import count_evaluations, count_index_1_evaluations, count_operations
 from ..model.accuracy import ErrorMeasure, choose_measure
 from ..model.frontier import EQUAL, SOUND
 from ..model.results import StoredRun, Variant, group_by
@@ -74,25 +74,28 @@ class PlottedWork:
 def list_points(
     variant: Variant, page: Callable[[StoredRun], str] = lambda run: "", best: Container[str] = ()
 ) -> list[PlottedWork]:
-    """Return a point for each run; ``page`` gives its address, ``best`` holds the settings_ids to be marked as best."""
+    """Return the costs and errors of each run; ``page`` gives its address.
+
+    ``best`` holds the settings_ids of the runs that no other of their solver beats in both cost and error.
+    """
     measure, out = choose_measure(variant.runs), []
     for c in variant.runs:
         r = c.record
         works = {
             "index1": count_index_1_evaluations(r),
-            "operations": operations(r),
+            "operations": count_operations(r),
             "evaluations": count_evaluations(r),
             "factorisations": r.factorisations,
             "steps": float(r.steps),
             "cpu": r.cpu_median_s,
-            "step": _mean_step(c),
+            "step": _find_step(c),
         }
         errors = {"error": measure.of(c) if measure else math.nan, "energy": r.energy_drift_max_J, "phi": r.phi_max}
         out.append(PlottedWork(c, page(c), works, errors, r.settings_id in best))
     return out
 
 
-def _mean_step(run: StoredRun) -> float:
+def _find_step(run: StoredRun) -> float:
     """Return the requested step, or the mean step under error control [s]."""
     r = run.record
     if r.control == "dt":
@@ -134,7 +137,7 @@ def plot_pairs(
             what, unit = (measure.what, measure.unit) if error == "error" and measure else ERRORS[error]
             axes = Axis(*WORKS[work], log=True), Axis(what, unit, log=True)
             title = f"{what[0].upper()}{what[1:]} over {WORKS[work][0]}"
-            region = _reference_region(own, work, measure.own) if error == "error" and measure else []
+            region = _shade_reference_error(own, work, measure.own) if error == "error" and measure else []
             drawn = [*region, *join_ladders(own, work, error, folded)]
             drawn += _find_front(own, work) if front and error == "error" else []
             finding, focus = describe_race(own, work, error, unit)
@@ -151,7 +154,7 @@ def plot_pairs(
 
 
 def describe_race(points: Sequence[PlottedWork], work: str, error: str, unit: str) -> tuple[str, tuple[str, ...]]:
-    """Return words on which solver is the cheapest, and the solvers to be shown in colour.
+    """Return words on which solver is the cheapest in ``work`` for an ``error``, and the solvers to be shown in colour.
 
     They are compared at the tightest power of ten that half of the solvers reach: ``rkmk_dopri5 needs 12.0 ms for 10⁻⁴
     m, ida_index3 96 times as much; 2 of 19 do not get there``. The words are empty if fewer than two solvers reach it.
@@ -180,7 +183,10 @@ def describe_race(points: Sequence[PlottedWork], work: str, error: str, unit: st
 
 
 def _find_front(points: Sequence[PlottedWork], work: str) -> list[Trace]:
-    """Return the Pareto front as one trace, runs that none beats in both cost and error; no trace for few runs."""
+    """Return as one trace the Pareto front: the runs that none beats in both cost and error.
+
+    A front of fewer than ``LADDER`` runs gives no trace.
+    """
     best, out = math.inf, list[PlottedWork]()
     sound = [p for p in points if p.run.status in SOUND]
     for p in sorted(sound, key=lambda p: (p.works[work], p.errors["error"])):
@@ -192,9 +198,12 @@ def _find_front(points: Sequence[PlottedWork], work: str) -> list[Trace]:
     return [Trace("Pareto front", _numbers(out, "works", work), _numbers(out, "errors", "error"), dash=2)]
 
 
-def _reference_region(points: Sequence[PlottedWork], work: str, own: float) -> list[Trace]:
-    """Return a trace that shades errors below ``own``, the reference's stated error, if some point comes near it."""
-    found = (_numbers(points, *of) for of in (("works", work), ("errors", "error")))
+def _shade_reference_error(points: Sequence[PlottedWork], work: str, own: float) -> list[Trace]:
+    """Return a trace that shades errors below ``own``, the reference's stated error, if a point comes near it; or none.
+
+    A point is near if its error is below ``NEAR`` times that.
+    """
+    found = (_numbers(points, kind, key) for kind, key in (("works", work), ("errors", "error")))
     # zeros are moved to where they are drawn
     x, y = (np.maximum(a, min(a[a > 0.0], default=1e-16 * ZERO) / ZERO) for a in found)
     if not own * NEAR > min(y):
@@ -214,7 +223,7 @@ def join_ladders(points: Sequence[PlottedWork], work: str, error: str, folded: b
     # the main ones come first and are solid
     ordered = sorted(methods.items(), key=lambda kv: (not kv[1][0].default, -len(kv[1])))
     for method, own in ordered:
-        solver, label = own[0].solver, _label(own)
+        solver, label = own[0].solver, _find_common_label(own)
         if folded and not own[0].default and len(own) < LADDER:
             loose.setdefault((solver, label), []).extend(own)
             continue
@@ -239,7 +248,8 @@ def _make_trace(
 
     ``dash`` and ``mode`` are the trace's. If ``folded``, it is hidden at first unless a setting is default or best.
     """
-    ladder, repeated = len({p.method for p in own}) == 1, any(p.run.record.repeats > 1 for p in own) and work == "cpu"
+    is_ladder = len({p.method for p in own}) == 1
+    has_bars = work == "cpu" and any(p.run.record.repeats > 1 for p in own)
     records = [p.run.record for p in own]
     spread = [find_cpu_range(r) if r.repeats > 1 else (r.cpu_median_s,) * 2 for r in records]
     left, right = np.array(spread).T
@@ -250,24 +260,27 @@ def _make_trace(
         solver=own[0].solver,
         mode=mode,
         dash=dash,
-        left=left if repeated else None,
-        right=right if repeated else None,
-        group=_label(own),
+        left=left if has_bars else None,
+        right=right if has_bars else None,
+        group=_find_common_label(own),
         main=not folded or any(p.default or p.best for p in own),
         ends=[choose_end_mark(p.run.status) for p in own],
         urls=[p.page for p in own],
-        words=[_describe_point(p, whole=not ladder) for p in own],
+        words=[_describe_point(p, whole=not is_ladder) for p in own],
     )
 
 
-def _label(own: Sequence[PlottedWork]) -> str:
+def _find_common_label(own: Sequence[PlottedWork]) -> str:
     """Return the label of all points; empty if they have several."""
     labels = {p.run.record.label for p in own}
     return labels.pop() if len(labels) == 1 else ""
 
 
 def _describe_point(p: PlottedWork, *, whole: bool) -> str:
-    """Describe a point; only its step or tolerance if the line already names the method."""
+    """Describe a point: its step or tolerance, or its ``whole`` case, then how it ended, its CPU times and steps.
+
+    Default and best settings are named as such.
+    """
     c, r = p.run, p.run.record
     marks = [w for w, on in (("default settings", p.default), ("best", p.best)) if on]
     ending = [] if c.status in ("success", "unknown") else [c.status.replace("_", " ")]

@@ -47,7 +47,7 @@ class Cvode(SymbolicOptions):
     control: ClassVar[str] = "rtol"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the problem is refused, or None: scikit-sundae is missing, or as all symbolic solvers refuse."""
+        """Return why the problem is refused, or None: no scikit-sundae, or a cause common to symbolic solvers."""
         return refuse_if_missing() or super().refuses(problem, control)
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
@@ -63,6 +63,7 @@ class Cvode(SymbolicOptions):
         form, y, work = StrongForm(layout, self.alpha, self.beta), np.zeros(n), {"evaluations": 0}
 
         def rates(t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Return y' and the reactions at (t, y); count the evaluation and check the CPU limit."""
             work["evaluations"] += 1
             clock.check()
             found = form.rates(y, still, still, t)
@@ -72,6 +73,7 @@ class Cvode(SymbolicOptions):
             y_dot[:] = rates(t, y)[0]
 
         def begin(layout: Layout, problem: Problem) -> None:
+            """Restart CVODE from the start of ``problem``, on the constraint rows of ``layout``."""
             nonlocal form, y
             form, y = StrongForm(layout, self.alpha, self.beta), pack_start(layout, problem)[:n]
             cvode.init_step(problem.initial.t, y)

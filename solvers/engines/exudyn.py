@@ -86,7 +86,11 @@ class Exudyn(ClockedSolver):
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why Exudyn cannot take the problem, or None."""
+        """Return why Exudyn cannot integrate the problem, or None.
+
+        Causes: Exudyn is missing, elements that it does not have, a singular start of Tait-Bryan angles, redundant rows
+        that the integrator cannot keep, or a model that differs from this project's equations.
+        """
         reason = find_remedy("exudyn") or refuse_unsupported(problem.system, self.takes)
         if reason is not None:
             return reason
@@ -103,7 +107,7 @@ class Exudyn(ClockedSolver):
         return refuse_model(self.name, problem, model.describe_start())
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate by Exudyn's own loop with the fixed step ``control.dt`` and return the trajectory."""
+        """Integrate by Exudyn's own loop with the fixed step ``control.dt``, and return the trajectory."""
         model = Model(self, problem, control)
         return replace(march(problem, control, model.advance, model.states, clock=clock, notes=()), notes=model.notes())
 
@@ -112,13 +116,11 @@ class Model:
     """An assembled Exudyn system in its state at the end of the last stretch, with sensors that record its motion."""
 
     def __init__(self, options: Exudyn, problem: Problem, control: StepControl) -> None:
+        """Choose the constraint rows in use, and assemble the system at the start of the problem."""
         self._exu, self._options, self._problem = _import_exudyn(), options, problem
-        self._time, self._longest_stretch, self._changes, keep = (
-            0.0,
-            sys.maxsize,
-            list[float](),
-            options.redundant_rows == "keep",
-        )
+        self._time, self._longest_stretch = 0.0, sys.maxsize  # [s], and in steps
+        self._changes = list[float]()  # times [s] at which rows were chosen anew
+        keep = options.redundant_rows == "keep"
         self._rows, self._last = KeptRows(problem.system, problem.initial), problem.initial
         self._left_out = np.flatnonzero(~self._rows.kept)
         self.keeps_all_rows = keep and len(self._left_out) > 0
@@ -128,7 +130,7 @@ class Model:
         self._assemble(problem.initial)
 
     def _assemble(self, start: State) -> None:
-        """Build and assemble a new Exudyn system in the state ``start`` with the constraint rows in use."""
+        """Build and assemble a new Exudyn system, with the constraint rows in use, in the state ``start``."""
         system, kept = self._problem.system, self._rows.kept
         self._container = self._exu.SystemContainer()
         self.mbs = mbs = self._container.AddSystem()
@@ -148,26 +150,26 @@ class Model:
         mbs.Assemble()
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """Advance by up to ``steps`` of ``dt`` [s]; return r, R, v, Omega body by body after each step.
+        """Advance by up to ``steps`` steps of ``dt`` [s]; return one array row of all bodies' states after each step.
 
-        A row has 18 numbers per body: r, R by rows, v [space] and Omega [body]. There are fewer rows than ``steps``
-        shortly after the start of another choice of constraint rows, and where the rows in use lose rank; the system is
-        then assembled with others. Raises ``PartialStretch`` with the rows so far where Exudyn fails or takes a smaller
-        step, or no better choice exists.
+        A row has 18 numbers per body: r, R by rows, v [space] and Omega [body]. Fewer steps than asked for are taken
+        soon after another choice of constraint rows, and where the rows in use lose rank; the system is then assembled
+        with others. Raises ``PartialStretch`` with the rows so far where Exudyn fails or takes a smaller step, or no
+        better choice exists.
         """
         steps = min(steps, self._longest_stretch)
-        began, end = self._time, self._time + steps * dt
+        start, end = self._time, self._time + steps * dt
         kind, words = getattr(self._exu.DynamicSolverType, self._options.integrator), "its solver failed"
         try:
             ended = self.mbs.SolveDynamic(
-                self._make_settings(began, end, steps), solverType=kind, updateInitialValues=True
+                self._make_settings(start, end, steps), solverType=kind, updateInitialValues=True
             )
         except Exception as error:  # a failure of the engine is a result; its class is not public
             ended, words = False, " ".join(str(error).split())
         stored = [[self.mbs.GetSensorStoredData(s) for s in of_body] for of_body in self._sensors]
         t = stored[0][0][:, 0]
         rows = np.concatenate([series[:, 1:] for of_body in stored for series in of_body], axis=1)
-        on_grid = np.abs(t[: steps + 1] - began - dt * np.arange(min(len(t), steps + 1))) < ON_GRID * dt
+        on_grid = np.abs(t[: steps + 1] - start - dt * np.arange(min(len(t), steps + 1))) < ON_GRID * dt
         rows = rows[1 : len(on_grid) if np.all(on_grid) else int(np.argmin(on_grid))]
         states = self.states(rows)
         if worn := self._rows.examine_states(states, dt):
@@ -181,11 +183,11 @@ class Model:
         return rows
 
     def _choose_rows(self, kept: Bool[np.ndarray, " nrows"] | None, rows: Float[np.ndarray, "k n"], dt: float) -> None:
-        """Assemble the system anew with the constraint rows ``kept``, in the state of the last of ``rows``.
+        """Assemble the system anew with the constraint rows that ``kept`` flags, in the state of the last of ``rows``.
 
-        ``rows`` are those of ``advance``, ``dt`` [s] apart. The next stretch is short, since it may be discarded.
-        Raises ``PartialStretch`` where ``kept`` is None, where rows were already changed at this time, or where the
-        state cannot be projected onto the constraints.
+        ``rows`` are those of ``advance``, ``dt`` [s] apart; the state is projected onto the constraints. The next
+        stretch is short, since it may be discarded. Raises ``PartialStretch`` where ``kept`` is None, where rows were
+        already changed at this time, or where the projection fails.
         """
         system, start = self._problem.system, self.states(rows[-1:])[0] if len(rows) else self._last
         self._time, self._longest_stretch = self._time + len(rows) * dt, max(SHORT, 2 * len(rows))
@@ -200,15 +202,16 @@ class Model:
             raise PartialStretch(Status.DIVERGED, f"rows could not be chosen anew: {error}", rows) from None
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Return poses and velocities of the bodies from rows of ``advance``."""
+        """Convert rows of ``advance`` to poses and velocities of the bodies."""
         by_body = rows.reshape(len(rows), len(self.bodies), -1)
         r, R, v, Omega = np.split(by_body, np.cumsum(list(OUTPUTS.values()))[:-1], axis=2)
         return States(r, R.reshape(*R.shape[:2], 3, 3), v, Omega)
 
     def describe_start(self) -> EngineModel:
-        """Return Exudyn's model at the start for the model check, and leave its velocities at zero.
+        """Return Exudyn's mass matrix, forces and constraints at the start, for the model check.
 
-        Euler parameters p satisfy p . p_ddot = -p_dot . p_dot, the rows ``idle``.
+        Side effect: the velocities of its system are zero afterwards. The rows ``idle`` are p . p_ddot = -p_dot . p_dot
+        of Euler parameters p, which move no body.
         """
         mbs, start, n = self.mbs, self._problem.initial, 6 if self.keeps_all_rows else 7
         solver, settings = self._exu.MainSolverImplicitSecondOrder(), self._make_settings(0.0, self._problem.t_end, 1)
@@ -240,7 +243,7 @@ class Model:
         return EngineModel(T, mass_matrix, rest_forces, kinetic, None, bias, forces, G, idle)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes for the run: rows in use and left out, times at which they changed, Exudyn's version."""
+        """Return notes for the run: constraint rows in use and left out, times of changes, and Exudyn's version."""
         dropped, times = ", ".join(map(str, self._left_out)), ", ".join(f"{t:.4g}" for t in self._changes)
         return (
             f"{int(np.sum(self._rows.kept))} of {self._problem.system.nrows} constraint rows",
@@ -249,15 +252,18 @@ class Model:
             describe_engine("exudyn"),
         )
 
-    def _make_settings(self, began: float, end: float, steps: int) -> Any:
-        """Return Exudyn's settings of a simulation of ``steps`` from ``began`` to ``end`` [s]."""
+    def _make_settings(self, start: float, end: float, steps: int) -> Any:
+        """Return Exudyn's ``SimulationSettings`` for ``steps`` equal steps from time ``start`` to ``end`` [s].
+
+        Tolerances and damping are the solver's options; sensors record every step, one thread runs, no file is written.
+        """
         s, options = self._exu.SimulationSettings(), self._options
         t = s.timeIntegration
-        t.numberOfSteps, t.startTime, t.endTime, t.verboseMode = steps, began, end, 0
+        t.numberOfSteps, t.startTime, t.endTime, t.verboseMode = steps, start, end, 0
         t.generalizedAlpha.spectralRadius = options.spectral_radius
         t.newton.relativeTolerance, t.newton.absoluteTolerance = options.newton_relative, options.newton_absolute
         s.solution.file.write = False
-        s.solution.sensors.writePeriod = (end - began) / steps
+        s.solution.sensors.writePeriod = (end - start) / steps
         s.parallel.numberOfThreads = 1
         s.linearSolver.solverType = getattr(
             self._exu.LinearSolverType, "EigenDense" if self.keeps_all_rows else "EigenSparse"
@@ -266,7 +272,7 @@ class Model:
         return s
 
     def _add_body(self, system: MultibodySystem, start: State, b: int) -> Any:
-        """Add body ``b`` in the state ``start`` to Exudyn's system; return its number."""
+        """Add body ``b`` in the state ``start``, with gravity, to Exudyn's system; return its item number there."""
         inertia = self._exu.rigidBodyUtilities.RigidBodyInertia(system.mass[b], system.regular_inertia[b])
         return self.mbs.CreateRigidBody(
             referencePosition=start.r[b],
@@ -279,7 +285,7 @@ class Model:
         )
 
     def _add_marker(self, body: int, place: np.ndarray, rotation: np.ndarray | None = None) -> Any:
-        """Add a marker on a body, or the ground; return its number.
+        """Add a marker on ``body``, or on the ground (-1), to Exudyn's system; return its item number there.
 
         ``place`` [m] and the columns of ``rotation`` (None: the identity) are in the frame of the body.
         """
@@ -288,7 +294,7 @@ class Model:
         return self.mbs.AddMarker(self._exu.itemInterface.MarkerBodyRigid(bodyNumber=number, localHT=frame))
 
     def _add_joint(self, system: MultibodySystem, start: State, k: int, rows: Bool[np.ndarray, " n"]) -> None:
-        """Add joint ``k`` with those of its constraint rows that ``rows`` flags."""
+        """Add joint ``k`` in the state ``start``, with those of its constraint rows that ``rows`` flags."""
         items, i, j = self._exu.itemInterface, int(system.joint_i[k]), int(system.joint_j[k])
         s_i, s_j = system.joint_s_i[k], system.joint_s_j[k]
         if system.joint_kind(k) == JointKind.SPHERICAL:
@@ -312,14 +318,14 @@ class Model:
         self.mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=axes))
 
     def _add_spring(self, system: MultibodySystem, k: int) -> None:
-        """Add spring-damper ``k``."""
+        """Add spring-damper ``k`` of the system to Exudyn's."""
         i, j = int(system.spring_i[k]), int(system.spring_j[k])
         markers = [self._add_marker(i, system.spring_p_i[k]), self._add_marker(j, system.spring_p_j[k])]
         law = {"stiffness": system.spring_k[k], "damping": system.spring_c[k], "referenceLength": system.spring_d0[k]}
         self.mbs.AddObject(self._exu.itemInterface.SpringDamper(markerNumbers=markers, **law))
 
     def _add_torsional_spring(self, system: MultibodySystem, start: State, k: int) -> None:
-        """Add torsional spring ``k``; Exudyn measures its angle from marker 0, placed at the rest angle, to marker 1.
+        """Add torsional spring ``k``; Exudyn measures its angle from marker 0, which is at the rest angle, to marker 1.
 
         Raises ValueError for a spring not about the axis of a hinge or cylinder, or wound by whole turns at the start.
         """
@@ -346,7 +352,7 @@ class Model:
         self.mbs.AddObject(self._exu.itemInterface.TorsionalSpringDamper(markerNumbers=markers, **law))
 
     def _add_disc(self, system: MultibodySystem, k: int, rows: Bool[np.ndarray, " n"]) -> None:
-        """Add rolling disc ``k``, which turns about x of its marker and rolls on the plane x, y of the ground's marker.
+        """Add joint ``k``, a disc that turns about x of its marker and rolls on the x-y plane of the ground's marker.
 
         Raises ValueError unless it rolls on the ground, about its centre of mass, with all its rows in use.
         """
@@ -368,7 +374,7 @@ class Model:
         )
 
     def _add_load(self, system: MultibodySystem, k: int) -> None:
-        """Add load ``k``; a factor that varies with time is computed by a Python call in every evaluation."""
+        """Add load ``k``, force and torque; a factor that varies with time is computed in Python in each evaluation."""
         marker, factor = self._add_marker(int(system.load_i[k]), system.load_p[k]), system.load_factor[k : k + 1]
         items, follows, now = (
             self._exu.itemInterface,
@@ -389,7 +395,7 @@ class Model:
             self.mbs.AddLoad(kind(markerNumber=marker, loadVector=float(now[0, 0]) * vector, bodyFixed=follows, **law))
 
     def _add_sensor(self, body: Any, name: str) -> Any:
-        """Add a sensor that records the output ``name`` of a body in memory; return its number."""
+        """Add a sensor that records an output of ``body``, a key of ``OUTPUTS``, in memory; return its number."""
         kind = getattr(self._exu.OutputVariableType, name)
         sensor = self._exu.itemInterface.SensorBody(
             bodyNumber=body, outputVariableType=kind, storeInternal=True, writeToFile=False
@@ -398,14 +404,17 @@ class Model:
 
 
 def _import_exudyn() -> ModuleType:
-    """Import Exudyn without its range checks; return the module."""
+    """Import Exudyn and return the module, after setting ``sys.exudynFast``, which omits its range checks."""
     sys.exudynFast = True  # type: ignore[attr-defined]  # its own switch, read at import
     with contextlib.redirect_stdout(io.StringIO()):  # it prints a message about that
         return import_package("exudyn", "itemInterface", "rigidBodyUtilities")
 
 
 def _map_euler_rates(p: Float[np.ndarray, " 4"], rate: Float[np.ndarray, " 4"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return G of Omega = G rate for Euler parameters ``p``, and G_dot rate (zero), the rest of Omega_dot."""
+    """Return G of Omega = G p_dot [body] for Euler parameters ``p``, and G_dot p_dot, which is zero.
+
+    The second is the part of Omega_dot without p_ddot; ``rate`` is p_dot.
+    """
     a, b, c, d = p
     return 2.0 * np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]]), np.zeros(3)
 
@@ -413,7 +422,10 @@ def _map_euler_rates(p: Float[np.ndarray, " 4"], rate: Float[np.ndarray, " 4"]) 
 def _map_tait_bryan_rates(
     angles: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return G of Omega = G rate for R = R_x R_y R_z of ``angles`` [rad], and G_dot rate, the rest of Omega_dot."""
+    """Return G of Omega = G rate [body] for R = R_x R_y R_z of ``angles`` [rad], and G_dot rate.
+
+    The second is the part of Omega_dot without second derivatives; ``rate`` [rad/s] are those of the angles.
+    """
     (sb, cb), (sc, cc) = ((np.sin(x), np.cos(x)) for x in angles[1:])
     _, b, c = rate
     G = np.array([[cb * cc, sc, 0.0], [-cb * sc, cc, 0.0], [sb, 0.0, 1.0]])

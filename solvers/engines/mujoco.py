@@ -95,7 +95,11 @@ class MuJoCo(ClockedSolver):
         return INTEGRATORS[self.integrator if self.settings == "ours" else "Euler"]
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why MuJoCo cannot take the problem, or None."""
+        """Return why MuJoCo cannot integrate the problem, or None.
+
+        Causes: MuJoCo is missing, elements that it does not have, options that ``settings`` overrides, or a model that
+        differs from this project's equations.
+        """
         if (reason := find_remedy("mujoco") or refuse_unsupported(problem.system, self.takes)) is not None:
             return reason
         if (reason := self._describe_ignored()) is not None:
@@ -127,6 +131,7 @@ class Model:
     """A compiled MuJoCo model and its state after the last step."""
 
     def __init__(self, options: MuJoCo, problem: Problem, control: StepControl) -> None:
+        """Compile MuJoCo's model with the step ``control.dt``, and set its state to the start."""
         assert control.dt is not None  # checked by the catalogue
         self.mj = import_package("mujoco", "rollout")
         self.problem, self.tree = problem, build_spanning_tree(problem.system, problem.initial)
@@ -142,9 +147,9 @@ class Model:
         self.data.qpos[:], self.data.qvel[:] = self.tree.start, self.tree.start_velocity
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """Advance by ``steps`` of ``dt`` [s]; return (time, qpos, qvel) after each step.
+        """Advance by ``steps`` steps of ``dt`` [s]; return a row (time, qpos, qvel) after each.
 
-        Raises ``PartialStretch`` with the rows before a warning of MuJoCo, after which ``rollout`` repeats a state.
+        Raises ``PartialStretch`` where MuJoCo warns, with the rows before: after a warning ``rollout`` repeats a state.
         """
         mj, self.model.opt.timestep = self.mj, dt
         kind = mj.mjtState.mjSTATE_FULLPHYSICS
@@ -160,12 +165,15 @@ class Model:
         raise PartialStretch(Status.DIVERGED, f"MuJoCo warned and stopped: {words}", rows[0, : max(moved - 1, 0)])
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Return poses and velocities of the bodies from rows of ``advance``."""
+        """Convert rows of ``advance`` to poses and velocities of the bodies."""
         nq = self.model.nq
         return self.tree.states(rows[:, 1 : 1 + nq], rows[:, 1 + nq : 1 + nq + self.model.nv])
 
     def describe_start(self) -> EngineModel:
-        """Return MuJoCo's model at the start for the model check; ``data`` is evaluated there."""
+        """Return MuJoCo's mass matrix, forces, energies and constraints at the start, for the model check.
+
+        ``data`` has to be at the start, and is evaluated there.
+        """
         mj, m, d, problem = self.mj, self.model, self.data, self.problem
         mj.mj_forward(m, d)
         mj.mj_energyPos(m, d)
@@ -189,7 +197,7 @@ class Model:
         return EngineModel(T, mass_matrix, still.qfrc_smooth, kinetic, potential, bias, d.qfrc_smooth, G)
 
     def notes(self) -> tuple[str, ...]:
-        """Return notes for the run: tree and cut joints, integrator, a timestep other than the file's, version."""
+        """Return notes for the run: tree and cut joints, integrator, a step other than the file's, MuJoCo's version."""
         cuts = len(self.tree.cuts)
         limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities"
         held = f"{limbs}; {cuts} points of cut joints held by soft constraints" if cuts else limbs
@@ -201,7 +209,10 @@ class Model:
 
 
 def _make_spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: EngineTree, dt: float) -> Any:
-    """Return the problem as an uncompiled ``MjSpec`` with steps of ``dt`` [s] and the settings of the options."""
+    """Return the problem as an uncompiled ``MjSpec`` with the step ``dt`` [s] and the settings of the options.
+
+    Bodies follow ``tree``; each point of a cut joint is a soft ``connect`` equality. Contacts are off.
+    """
     from .inside import mjcf  # it imports MuJoCo
 
     system, start = problem.system, problem.initial
@@ -262,7 +273,7 @@ def _find_file_model(problem: Problem) -> Any:
 
 
 def _refuse_file_settings(problem: Problem) -> str | None:
-    """Return why ``settings`` "file" cannot be used for the problem, or None."""
+    """Return why ``settings`` "file" cannot be used, or None: no MJCF file, or equalities of different softness."""
     given = _find_file_model(problem)
     if given is None:
         return "settings=file: the problem was not read from an MJCF file"
@@ -273,7 +284,7 @@ def _refuse_file_settings(problem: Problem) -> str | None:
 
 
 def _name_body(body: int) -> str:
-    """Return the name of a body in MuJoCo's model."""
+    """Return the name of the body of index ``body`` in MuJoCo's model; "world" for the ground."""
     return "world" if body == GROUND else f"body {body}"
 
 

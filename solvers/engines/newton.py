@@ -69,7 +69,7 @@ class Newton(BodyAdapter):
     def compare_model(self, problem: Problem, control: StepControl) -> str | None:
         """Return the refusal of a model that differs from this project's equations, or None if they agree.
 
-        Featherstone and Kamino are compared by the accelerations of their steps, MuJoCo and XPBD by the forces of
+        Featherstone and Kamino are compared by the accelerations of their steps, MuJoCo and XPBD by the forces in
         Newton's model.
         """
         of_steps = self.solver in ("Featherstone", "Kamino")

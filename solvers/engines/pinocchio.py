@@ -72,7 +72,11 @@ class Pinocchio(ClockedSolver):
         return INTEGRATORS[self.integrator]
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why Pinocchio cannot take the problem, or None."""
+        """Return why Pinocchio cannot integrate the problem, or None.
+
+        Causes: Pinocchio is missing, elements that it does not have, or a model that differs from this project's
+        equations.
+        """
         if (reason := find_remedy("pinocchio", "pin") or refuse_unsupported(problem.system, self.takes)) is not None:
             return reason
         try:
@@ -90,6 +94,7 @@ class Model:
     """A Pinocchio model with its cut joints, and its state (q, u) after the last step."""
 
     def __init__(self, options: Pinocchio, problem: Problem, control: StepControl) -> None:
+        """Build the model and a rigid constraint per point of a cut joint, at the start of the problem."""
         self.pin, self.problem, self._options = (pin := import_package("pinocchio")), problem, options
         self.tree = tree = build_spanning_tree(problem.system, problem.initial)
         self.model, self._joint, self._placements = _build_model(pin, problem, tree)
@@ -117,7 +122,7 @@ class Model:
         self.q, self.u = self._convert_from_tree(tree.start), tree.start_velocity.copy()
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """Advance by ``steps`` of ``dt`` [s]; return (q, u) after each step, in Pinocchio's coordinates."""
+        """Advance by ``steps`` steps of ``dt`` [s]; return a row (q, u) in Pinocchio's coordinates after each."""
         step = self._step_rkmk4 if self._options.integrator == "RKMK4" else self._step_euler
         rows = np.empty((steps, self.model.nq + self.model.nv))
         for k in range(steps):
@@ -126,12 +131,15 @@ class Model:
         return rows
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Return poses and velocities of the bodies from rows of ``advance``."""
+        """Convert rows of ``advance`` to poses and velocities of the bodies."""
         nq = self.model.nq
         return self.tree.states(self._convert_to_tree(rows[:, :nq]), rows[:, nq:])
 
     def describe_start(self) -> EngineModel:
-        """Return Pinocchio's model for the model check, at its present state, which has to be the start."""
+        """Return Pinocchio's mass matrix, forces, energies and constraints, for the model check.
+
+        They are evaluated at the present state, which has to be the start.
+        """
         pin, m, d, q, u = self.pin, self.model, self.model.createData(), self.q, self.u
         upper = np.triu(pin.crba(m, d, q))
         mass_matrix = upper + np.triu(upper, 1).T
@@ -153,7 +161,7 @@ class Model:
         return limbs, f"own loop {self._options.integrator} in Python, its overhead counted", describe_engine("pin")
 
     def _accelerate(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return Pinocchio's accelerations u_dot at q and u, constrained at cut joints if there are any."""
+        """Return Pinocchio's accelerations u_dot at q and u: by ``aba``, or ``constraintDynamics`` with cut joints."""
         if not len(self.cuts):
             return self.pin.aba(self.model, self.data, q, u, self._no_torque)
         return self.pin.constraintDynamics(
@@ -161,11 +169,14 @@ class Model:
         )
 
     def _step_rkmk4(self, q: np.ndarray, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return (q, u) after a step of ``h`` [s] with weights 1, 2, 2, 1 of slopes at 0, 1/2, 1/2, 1."""
+        """Return (q, u) after a Runge-Kutta-Munthe-Kaas step of ``h`` [s] of order 4, in local coordinates theta.
+
+        Slopes at 0, 1/2, 1/2, 1 have the weights 1, 2, 2, 1.
+        """
         slope, rate = u, np.array(self._accelerate(q, u))
         theta, change = slope.copy(), rate.copy()
-        for share, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
-            local, u_here = share * h * slope, u + share * h * rate
+        for fraction, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+            local, u_here = fraction * h * slope, u + fraction * h * rate
             slope = self._find_local_rate(local, u_here)
             rate = np.array(self._accelerate(self.pin.integrate(self.model, q, local), u_here))
             theta, change = theta + weight * slope, change + weight * rate
@@ -177,7 +188,10 @@ class Model:
         return self.pin.integrate(self.model, q, h * u), u
 
     def _find_local_rate(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return theta', the rate of the local coordinates at velocities ``u``, to the order of the scheme."""
+        """Return theta', the rates of the local coordinates ``theta`` of a step, at velocities ``u``, to order 4.
+
+        They differ from ``u`` for ball and free joints only.
+        """
         out = u.copy()
         if len(self._turning):
             a, w = theta[self._turning], u[self._turning]
@@ -186,14 +200,14 @@ class Model:
         return out
 
     def _convert_from_tree(self, q: np.ndarray) -> np.ndarray:
-        """Return coordinates (nq,) of the tree with quaternions in Pinocchio's order, (x, y, z, w)."""
+        """Return the tree's coordinates ``q`` (nq,) with quaternions in Pinocchio's order, (x, y, z, w)."""
         out = q.copy()
         for at in self._quaternions:
             out[at : at + 4] = np.roll(q[at : at + 4], -1)
         return out
 
     def _convert_to_tree(self, q: Float[np.ndarray, "k nq"]) -> Float[np.ndarray, "k nq"]:
-        """Return Pinocchio's coordinates (k, nq) with quaternions in the tree's order, (w, x, y, z)."""
+        """Return Pinocchio's coordinates ``q`` (k, nq) with quaternions in the tree's order, (w, x, y, z)."""
         out = q.copy()
         for at in self._quaternions:
             out[:, at : at + 4] = np.roll(q[:, at : at + 4], 1, axis=1)
@@ -201,9 +215,9 @@ class Model:
 
 
 def _build_model(pin: ModuleType, problem: Problem, tree: EngineTree) -> tuple[Any, dict[int, int], dict[int, Any]]:
-    """Return Pinocchio's model, with coordinates in the tree's order, and joint and placement of each body.
+    """Return Pinocchio's model, whose joints are in the tree's order, and two dictionaries by body.
 
-    Both are by body: the number of the joint that carries it, and its placement (SE3) in that joint's frame.
+    They have the index of the joint that carries the body, and the body's placement (SE3) in that joint's frame.
     """
     system, model = problem.system, pin.Model()
     model.gravity.linear = np.array(system.gravity)

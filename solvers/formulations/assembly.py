@@ -35,13 +35,14 @@ class Assembly:
     """The sum of the outputs of all elements, out(y, w), and the nonzeros of its derivatives by y and w."""
 
     def __init__(self, layout: Layout, batches: Sequence[Batch], n_out: int, *, differentiable: bool) -> None:
+        """Compile the elements, and allocate inputs and ``n_out`` outputs; derivatives only if ``differentiable``."""
         self._batches = [b for b in batches if len(b.z)]
         self._y = np.concatenate((np.zeros(layout.n), layout.constants))
         self._w = np.zeros(layout.n_u + 6)
         self.y, self.t, self.w = self._y[: layout.n], self._y[-1:], self._w[: layout.n_u]  # inputs of the programs
         self._codes = [_compile_element(b.element, derivative=differentiable) for b in self._batches]
         sparsities = [code.sparsity for code in self._codes if differentiable]
-        self.row, self.column, self.of_w = _entries(self._batches[: len(sparsities)], sparsities)
+        self.row, self.column, self.of_w = _index_derivatives(self._batches[: len(sparsities)], sparsities)
         self.column[self.column >= np.where(self.of_w, layout.n_u, layout.n)] = -1  # constants
         self.out = np.zeros(n_out + 1)  # the outputs after ``evaluate``, and a spare one
         self.evaluate = self._make_program("values", self.out, _concatenate([b.out for b in self._batches]))
@@ -49,7 +50,7 @@ class Assembly:
     def values(
         self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
     ) -> Float[np.ndarray, " n_out"]:
-        """Evaluate the outputs at unknowns ``y``, accelerations ``w`` and time ``t`` [s], and return a copy of them."""
+        """Evaluate all outputs at unknowns ``y``, accelerations ``w`` and time ``t`` [s], and return a copy of them."""
         self.set_inputs(y, w, t)
         self.evaluate.run()
         return self.out[:-1].copy()
@@ -85,7 +86,7 @@ class Assembly:
         steps = [set_to_zero(target)] if weight is None else []
         for code, b in zip(self._codes, self._batches, strict=True):
             size = len(b.z) * code.sizes[name]
-            own = slice(start, start + size)
+            own = slice(start, start + size)  # the results of this batch
             start += size
             rows = [np.ascontiguousarray(b.parameters, dtype=float)]
             rows += [] if weight is None else [weight[own].astype(float)]
@@ -124,7 +125,9 @@ def _compile_element(e: Element, *, derivative: bool) -> _Compiled:
     return _Compiled(compile_functions(loops), sizes, sparsity)
 
 
-def _entries(batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _index_derivatives(
+    batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the row, column and ``of_w`` flag of every nonzero derivative of the batches, part by part.
 
     The row is an output of the assembly, or -1 where the output is dropped; the column is an unknown in y, or an

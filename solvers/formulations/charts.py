@@ -46,10 +46,10 @@ class Chart(ABC):
 
     @abstractmethod
     def flow(self, p: ca.SX, u: ca.SX) -> ca.SX:
-        """Return the coordinate rates p_dot = G(p) u of a body, linear in its velocities ``u``."""
+        """Return the coordinate rates p_dot = G(p) u of a body, without the term ``restoring``."""
 
     def restoring(self, p: ca.SX) -> ca.SX:
-        """Return the term added to p_dot to keep p on its manifold; it rotates no body."""
+        """Return the term added to p_dot that draws p back to its manifold and moves no body; zero by default."""
         return ca.SX.zeros(self.size)
 
     def rotation_rates(self, p: Float[np.ndarray, "*batch size"]) -> Float[np.ndarray, "*batch 3 3"]:
@@ -74,13 +74,13 @@ class Chart(ABC):
 
     @abstractmethod
     def margin(self, p: Float[np.ndarray, "nt nb size"]) -> Float[np.ndarray, " nt"]:
-        """Return the distance of each time's poses from the chart's singularity: about 1 far from it, 0 on it.
+        """Return how far the chart is from its singularity at each time: about 1 far from it, 0 on it.
 
-        It is the least value over all bodies.
+        The value is the least over all bodies.
         """
 
     def refuse_start(self, system: NamedSystem, state: State) -> str | None:
-        """Return why the chart cannot represent ``state``, naming a body of ``system``; None if it can."""
+        """Return why the chart cannot represent ``state``, naming the body of ``system`` at fault; None if it can."""
         return None
 
 
@@ -122,6 +122,7 @@ class Euler313(Chart):
 
     @property
     def at_rest(self) -> np.ndarray:
+        """Coordinates of the ground: r = 0 and all angles 0."""
         return np.zeros(6)
 
     def coordinates(self, state: State) -> tuple[np.ndarray, np.ndarray]:
@@ -140,6 +141,7 @@ class Euler313(Chart):
         return p, np.concatenate((state.v, rates), axis=1)
 
     def states(self, p: np.ndarray, u: np.ndarray) -> States:
+        """Return the states in space of all bodies at nt times, from angles and their rates."""
         R = Rotation.from_euler("ZXZ", p[..., 3:].reshape(-1, 3)).as_matrix().reshape(*p.shape[:-1], 3, 3)
         Omega = apply(self.rotation_rates(p), u[..., 3:])
         return States(p[..., :3], R, u[..., :3], Omega)
@@ -156,10 +158,10 @@ class Euler313(Chart):
         sine = np.hypot(state.R[:, 0, 2], state.R[:, 1, 2])
         if np.min(sine) >= SINGULAR_CHART:
             return None
-        where = int(np.argmin(sine))
+        worst = int(np.argmin(sine))
         return (
-            f"3-1-3 Euler angles cannot represent the start: {name_body(system, where)} has |sin(theta)| = "
-            f"{sine[where]:.3g}, where precession and spin are one rotation; "
+            f"3-1-3 Euler angles cannot represent the start: {name_body(system, worst)} has |sin(theta)| = "
+            f"{sine[worst]:.3g}, where precession and spin are one rotation; "
             "use coordinates=quaternion or turn the problem"
         )
 
@@ -179,6 +181,7 @@ class Quaternion(Chart):
         return R / (w * w + ca.dot(v, v))
 
     def body_velocity(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        """Return (r_dot, Omega), which is ``u`` itself in this chart."""
         return u
 
     def flow(self, p: ca.SX, u: ca.SX) -> ca.SX:
@@ -193,15 +196,18 @@ class Quaternion(Chart):
 
     @property
     def at_rest(self) -> np.ndarray:
+        """Coordinates of the ground: r = 0 and the quaternion 1."""
         return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
     def coordinates(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Return p = (r, q) with unit quaternions q, and u = (r_dot, Omega), of all bodies."""
         q = Rotation.from_matrix(state.R).as_quat(scalar_first=True)
         return np.concatenate((state.r, q), axis=1), np.concatenate((state.v, state.Omega), axis=1)
 
     def states(self, p: np.ndarray, u: np.ndarray) -> States:
+        """Return the states in space of all bodies at nt times; quaternions of any length are normalised."""
         q = p[..., 3:].reshape(-1, 4)
-        R = Rotation.from_quat(q, scalar_first=True).as_matrix().reshape(*p.shape[:-1], 3, 3)  # scipy normalises
+        R = Rotation.from_quat(q, scalar_first=True).as_matrix().reshape(*p.shape[:-1], 3, 3)
         return States(p[..., :3], R, u[..., :3], u[..., 3:])
 
     def margin(self, p: np.ndarray) -> np.ndarray:

@@ -58,8 +58,8 @@ class ImplicitOptions(SymbolicOptions):
         choices=("exact", "finite_difference"),
     )
 
-    def implicit(self, layout: Layout, form: str, alpha: float, beta: float) -> ImplicitForm:
-        """Return the residual F(t, y, y') of ``form``, a name of ``ImplicitForm``.
+    def make_form(self, layout: Layout, form: str, alpha: float, beta: float) -> ImplicitForm:
+        """Make the residual F(t, y, y') of ``form``, one of the five names that ``ImplicitForm`` takes.
 
         Its Jacobian is exact or by differences, as the option ``jacobian`` says; ``alpha`` and ``beta`` [1/s] are
         Baumgarte's.
@@ -79,9 +79,11 @@ class BaumgarteOptions(ImplicitOptions):
     def compute_start(
         self, layout: Layout, problem: Problem
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return (y, y') at the problem's initial state: accelerations and multipliers consistent, or lam = 0.
+        """Return (y, y') at the problem's initial state.
 
-        A state later than t = 0, where the integrator restarts on other constraint rows, is always made consistent.
+        With ``consistent_start`` accelerations and multipliers solve the equations of index 1; without it lam = 0 and
+        the accelerations are those of free fall. A state later than t = 0, where the integrator restarts on other
+        constraint rows, is always made consistent.
         """
         y, t = pack_start(layout, problem), problem.initial.t
         if self.consistent_start or t > 0.0:

@@ -36,19 +36,27 @@ class ImplicitForm:
     """
 
     def __init__(self, layout: Layout, form: str, alpha: float, beta: float) -> None:
+        """Assemble the equations of ``form``, and prepare programs of F and of its Jacobian.
+
+        ``alpha`` and ``beta`` [1/s] are Baumgarte's, where the form has them.
+        """
         level = "acceleration" if form in ("fi", "se") else form
         self._motion = motion = assemble_equations(layout, level, alpha, beta, differentiable=True)
         self.y, self.t, self.y_dot, self.F = motion.y, motion.t, np.zeros(layout.n), np.zeros(layout.n)
         p, lam, n_u, rest = layout.p, layout.lam, layout.n_u, np.arange(layout.n_p, layout.n)
         at_u_dot = [take(self.y_dot[layout.u], np.arange(n_u), motion.w), motion.evaluate.step]
-        rates = _subtract().address("subtract"), [np.array([layout.n_p]), self.y_dot[p], motion.out[p], self.F[p]]
+        rates = (
+            _compile_subtraction().address("subtract"),
+            [np.array([layout.n_p]), self.y_dot[p], motion.out[p], self.F[p]],
+        )
         steps = [*at_u_dot, rates, take(motion.out, rest, self.F[layout.n_p :])]
+        # the constraint rows of "se" are those at the accelerations w(y), not at the given u'
         semi = _SemiExplicit(layout, motion, self.y_dot) if form == "se" else None
         if semi is not None:
             last = np.arange(lam.start, lam.stop)
             steps += [*semi.to_accelerations, motion.evaluate.step, take(motion.out, last, self.F[lam])]
         self._parts = parts = semi or _Direct(layout, motion)
-        self.evaluate = Program(steps, (motion, _subtract(), parts))
+        self.evaluate = Program(steps, (motion, _compile_subtraction(), parts))
         self._differentiate = Program([*at_u_dot, *parts.steps], (motion, parts))
         self.difference_evaluations = 0  # evaluations of F spent on Jacobians by differences
 
@@ -83,6 +91,7 @@ class _Direct:
     """The Jacobian of every form except "se": derivatives of the elements, with their signs and positions."""
 
     def __init__(self, layout: Layout, motion: Assembly) -> None:
+        """Prepare the steps that evaluate dF/dy and dF/dy' from the derivatives of ``motion``."""
         row, column = motion.row, motion.column
         self._set_pattern(layout, motion, np.flatnonzero((row >= 0) & (column >= 0)), np.zeros((0, 2), dtype=np.int64))
         self._set_data(0)
@@ -90,9 +99,10 @@ class _Direct:
         self.steps = [self._reset, self._add.step]
 
     def _set_pattern(self, layout: Layout, motion: Assembly, used: np.ndarray, more: np.ndarray) -> None:
-        """Set the sparsity pattern and the position of each entry in it.
+        """Set the sparsity pattern that dF/dy and dF/dy' share, and the position of each entry in it.
 
-        Entries are the ``used`` ones of ``motion``, ``more`` (row, column) in dF/dy, and the diagonal of p' in dF/dy'.
+        Entries are the derivatives of ``motion`` with indices ``used``, additional ones of dF/dy at ``more`` (m, 2),
+        rows and columns, and the ones on the diagonal of dF/dy' that belong to p'.
         """
         row, column, of_w, every = motion.row[used], motion.column[used], motion.of_w[used], np.arange(layout.n_p)
         self.pattern = FixedPattern(
@@ -110,7 +120,10 @@ class _Direct:
         self.structure = of_y, of_y_dot
 
     def _set_data(self, more: int) -> None:
-        """Allocate one array for dF/dy, dF/dy', ``more`` numbers and a dummy, and make the step that resets it."""
+        """Allocate one array for dF/dy, dF/dy', ``more`` further values and a dummy, and make the step that resets it.
+
+        The step sets all to zero but dF/dy' of p', which is the identity.
+        """
         nnz = self.pattern.nnz
         at_rest = np.zeros(2 * nnz + more + 1)
         at_rest[nnz + self._of_p_dot] = 1.0  # dF/dy' of p'
@@ -123,8 +136,10 @@ class _SemiExplicit(_Direct):
     """The Jacobian of form "se": its constraint rows are c at w(y), with dw/dy = -M^-1 de/dy."""
 
     def __init__(self, layout: Layout, motion: Assembly, y_dot: Float[np.ndarray, " n"]) -> None:
+        """Prepare the steps that evaluate and multiply A, e and M^-1; ``y_dot`` is the form's array of rates."""
         row, column, of_w = motion.row, motion.column, motion.of_w
         first_c, used = layout.n_p + layout.n_u, (row >= 0) & (column >= 0)
+        # A = dc/dw and de/d(p, u, lam) are kept apart, behind dF/dy and dF/dy' in the data, to form A M^-1 de
         of_A = np.flatnonzero(used & (row >= first_c) & of_w)
         of_e = np.flatnonzero(used & (row >= layout.n_p) & (row < first_c) & ~of_w)
         A = FixedPattern(row[of_A] - first_c, column[of_A], (layout.k, layout.n_u))
@@ -136,6 +151,7 @@ class _SemiExplicit(_Direct):
         self._set_pattern(layout, motion, np.flatnonzero(used & ((row < first_c) | ~of_w)), product)
         self._set_data(A.nnz + e.nnz)
         start = 2 * self.pattern.nnz
+        # rows of p' and e at the given u' first; then, at w(y), the constraint rows, A and de
         upper = np.where(row < first_c, self._place, -1)
         lower = np.where(row >= first_c, self._place, -1)
         lower[of_A], lower[of_e] = start + A.place, start + A.nnz + e.place
@@ -164,7 +180,7 @@ class _SemiExplicit(_Direct):
 
 @cache
 @making_code
-def _subtract() -> Code:
+def _compile_subtraction() -> Code:
     """Compile the loop that stores a - b, entry by entry."""
     a, b = ca.SX.sym("a"), ca.SX.sym("b")
     return compile_functions({"subtract": Loop(rows=[a, b], stored=[a - b])})

@@ -31,19 +31,20 @@ class DifferencedForm(ImplicitForm):
         F = self.residual(y, y_dot, t)
         self.difference_evaluations += 1 + len(self._groups_y) + len(self._groups_y_dot)
         return (
-            self._differences(F, y, lambda x: self.residual(x, y_dot, t), self._groups_y),
-            self._differences(F, y_dot, lambda x: self.residual(y, x, t), self._groups_y_dot),
+            self._compute_differences(F, y, lambda x: self.residual(x, y_dot, t), self._groups_y),
+            self._compute_differences(F, y_dot, lambda x: self.residual(y, x, t), self._groups_y_dot),
         )
 
-    def _differences(
+    def _compute_differences(
         self, F: np.ndarray, x: np.ndarray, residual: Callable, groups: list[Int[np.ndarray, " _"]]
     ) -> np.ndarray:
-        """Return the nonzeros of dF/dx, with one evaluation of ``residual`` for each group of columns.
+        """Return the nonzeros of dF/dx by forward differences, with one evaluation of F for each group of columns.
 
-        ``F`` is the residual at ``x``, the unknowns or their rates.
+        ``x`` is y or y'; ``residual`` is F as a function of it, and ``F`` its value at ``x``. ``groups`` are those of
+        ``group_columns_of_pattern``.
         """
         rows, columns, out = self.pattern.rows, self.pattern.columns, np.zeros(self.pattern.nnz)
-        h = x + INCREMENT * np.maximum(np.abs(x), 1.0) - x
+        h = x + INCREMENT * np.maximum(np.abs(x), 1.0) - x  # exactly representable
         for entries in groups:
             changed = x.copy()
             changed[columns[entries]] = (x + h)[columns[entries]]
@@ -52,9 +53,10 @@ class DifferencedForm(ImplicitForm):
 
 
 def group_columns_of_pattern(pattern: FixedPattern, used: np.ndarray) -> list[Int[np.ndarray, " _"]]:
-    """Return groups of columns of which no two share a row, each group as the indices of its ``used`` nonzeros.
+    """Return groups of columns of which no two share a row, each group as the indices of its nonzeros.
 
-    One evaluation of a difference Jacobian changes all columns of a group. Each column joins the first group it fits.
+    Only the nonzeros flagged in ``used`` count. One evaluation of a difference Jacobian changes all columns of a group.
+    Each column joins the first group it fits.
     """
     entries = np.flatnonzero(used)
     entries = entries[np.argsort(pattern.columns[entries], kind="stable")]

@@ -11,7 +11,10 @@ OUT_OF_TEST = 1e3
 
 
 def tolerances(rtol: float, n: int, out_of_test: Sequence[slice]) -> Float[np.ndarray, " n"]:
-    """Return absolute tolerances of ``n`` unknowns: ``rtol``, but ``OUT_OF_TEST`` in the slices ``out_of_test``."""
+    """Return the absolute tolerance of each of ``n`` unknowns: ``rtol``, but ``OUT_OF_TEST`` in the slices given.
+
+    ``out_of_test`` are the slices of unknowns that take no part in the error test.
+    """
     atol = np.full(n, rtol)
     for part in out_of_test:
         atol[part] = OUT_OF_TEST

@@ -65,14 +65,15 @@ def integrate(
 ) -> Trajectory:
     """Integrate by IDA, restarting it on other constraint rows when those in use become dependent.
 
-    ``begin`` returns the initial values: at the problem's start, and at the later states where rows change. ``clock``
-    has run since the set-up began; ``first_step`` is in s, and 0 leaves it to IDA. ``notes`` enter the trajectory.
+    ``begin`` returns the equations and initial values, at the problem's start and at each later state where the rows
+    change. ``clock`` has run since the set-up began; ``first_step`` is in s, and 0 leaves it to IDA. ``notes`` are
+    those of the trajectory, to which changes of rows are added. Raises ``StepFailure`` if no first step is possible.
     """
     assert control.rtol is not None  # the catalogue requires it
     pieces, latest = list[_IdaSegment](), np.zeros(0)
 
     def restart(layout: Layout, problem: Problem) -> None:
-        """Begin a new integration from the start of ``problem``, on the rows of ``layout``."""
+        """Begin a new integration at the initial state of ``problem``, on the rows of ``layout``."""
         nonlocal latest
         start = begin(layout, problem)
         pieces.append(_IdaSegment(start, problem, control, layout, first_step, clock, stack))
@@ -84,7 +85,7 @@ def integrate(
         last = problem.initial.t, y
 
         def advance() -> tuple[float, np.ndarray, np.ndarray]:
-            """Take a step, on other rows if it fails on those in use; return time, unknowns and reactions."""
+            """Take a step, and repeat it on other rows if it fails; return time [s], unknowns and all reactions."""
             nonlocal last
             try:
                 t, y = pieces[-1].step(problem.t_end)
@@ -99,7 +100,7 @@ def integrate(
             return t, y, reaction
 
         def count(steps: int) -> dict[str, int]:
-            """Return the counters, summed over all integrations."""
+            """Return the counters, summed over all integrations; the number of ``steps`` is not needed."""
             jacobians, spent = sum(p.jacobians for p in pieces), sum(p.difference_evaluations for p in pieces)
             counted = {"jacobians": jacobians, "factorisations": jacobians, "difference_evaluations": spent}
             return {"evaluations": sum(piece.evaluations for piece in pieces) + spent, **counted}
@@ -122,6 +123,10 @@ class _IdaSegment:
         clock: Clock,
         stack: ExitStack,
     ) -> None:
+        """Set up IDA at ``start``, the initial state of ``problem``, in the order of unknowns that suits its solver.
+
+        ``first_step`` [s] is limited by the control's largest step; ``stack`` closes IDA in the end.
+        """
         assert control.rtol is not None
         self._form, self._clock = start.form, clock
         order, self._place, linear_solver = _choose_order(start.form)
@@ -144,7 +149,7 @@ class _IdaSegment:
 
     @property
     def evaluations(self) -> int:
-        """Number of residuals that IDA evaluated, without those for Jacobians by differences."""
+        """Number of residuals that IDA itself asked for, without those for Jacobians by differences."""
         return self._ida.evaluations
 
     @property
@@ -175,9 +180,9 @@ class _IdaSegment:
 def _choose_order(form: ImplicitForm) -> tuple[np.ndarray, np.ndarray, str]:
     """Return the order of unknowns for IDA, its inverse, and the linear solver's name.
 
-    The first array has our index of each of IDA's unknowns, the second IDA's index of each of ours. The solver is
-    "dense" below ``DENSE_BELOW`` unknowns and "sparse" where the band is too wide, both in our order; else it is
-    "band".
+    The first array has the layout's index of each of IDA's unknowns, the second IDA's index of each of the layout's.
+    The solver is "dense" below ``DENSE_BELOW`` unknowns and "sparse" where the band is too wide, both without
+    reordering; else it is "band", in the order of the narrowest band found.
     """
     pattern, own = form.pattern, np.arange(len(form.y))
     if len(own) < DENSE_BELOW:
@@ -187,11 +192,15 @@ def _choose_order(form: ImplicitForm) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def _permute_equations(form: ImplicitForm, order: np.ndarray, place: np.ndarray) -> IdaEquations:
-    """Return ``form`` as IDA's equations, permuted by ``order``, of which ``place`` is the inverse."""
+    """Return ``form`` as IDA's equations, with unknowns and residuals permuted.
+
+    ``order`` is the layout's index of each of IDA's unknowns, ``place`` its inverse.
+    """
     y, y_dot, F = (np.zeros(len(order)) for _ in range(3))
     steps = [take(y, place, form.y), take(y_dot, place, form.y_dot), form.evaluate.step, take(form.F, order, F)]
 
     def jacobian(cj: float) -> np.ndarray:
+        """Return the nonzeros of dF/dy + ``cj`` dF/dy' at the present time, y and y'."""
         of_y, of_y_dot = form.jacobian(y.take(place), y_dot.take(place), float(form.t[0]))
         return of_y + cj * of_y_dot
 

@@ -59,7 +59,7 @@ class Layout:
 
     @property
     def constants(self) -> Float[np.ndarray, " c"]:
-        """Constants stored after y: the ground's p and u, a zero, and the time, whose value is set later."""
+        """Constants stored after y: p and u of the ground, a zero for dropped multipliers, and the time, here 0."""
         return np.concatenate((self.chart.at_rest, np.zeros(8)))
 
     @property
@@ -75,17 +75,20 @@ class Layout:
         return np.concatenate((p, u), axis=1)
 
     def index_velocities(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m 6"]:
-        """Return the indices of u_dot of the bodies ``b`` in the accelerations w; the ground's follow all others."""
+        """Return the indices in w of the accelerations u_dot of the bodies ``b``; the ground's follow all others."""
         return np.where((b == GROUND)[:, None], self.n_u + np.arange(6), b[:, None] * 6 + np.arange(6))
 
     def index_rows(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
-        """Return the index of each row of phi among the kept rows, -1 for a dropped row."""
+        """Return the index of each of these ``rows`` of phi among the kept rows; -1 for a dropped row."""
         place = np.full(self.system.nrows, -1)
         place[self.kept] = np.arange(self.k)
         return place[rows]
 
     def index_multipliers(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
-        """Return the indices in y of the multipliers of rows of phi; a dropped row has a constant zero after y."""
+        """Return the indices in y of the multipliers of these ``rows`` of phi.
+
+        A dropped row gets the index of the constant zero stored after y.
+        """
         place = self.index_rows(rows)
         return np.where(place < 0, self.n + self.chart.size + 6, self.lam.start + place)
 

@@ -33,7 +33,7 @@ class BandOrder(NamedTuple):
 
 
 def find_band(pattern: FixedPattern) -> BandOrder:
-    """Return the order of unknowns that reverse Cuthill-McKee finds for a square matrix of this pattern."""
+    """Return an order of unknowns with a narrow band, by reverse Cuthill-McKee, for a square matrix of this pattern."""
     ones = sp.csr_matrix((np.ones(pattern.nnz), (pattern.rows, pattern.columns)), shape=pattern.shape)
     order = reverse_cuthill_mckee(sp.csr_matrix(ones + ones.T), symmetric_mode=True).astype(np.int64)
     place = np.argsort(order)
@@ -44,29 +44,30 @@ def find_band(pattern: FixedPattern) -> BandOrder:
 class BandFactors:
     """Steps that factorise a banded matrix of n rows in place, and solve with it in place, by LAPACK.
 
-    ``band`` has the matrix by columns, ``height`` entries in each. With both widths it is LU with pivots, of real or
-    complex matrices: a column has ``below`` places that fill in, then the entries from the uppermost down, and a zero
-    pivot gives inf. Without ``above`` it is Cholesky of positive definite ones: a column has its lower half, from the
-    diagonal down. ``right`` is the right side, and the solution after ``solve``; ``info`` is 0 unless a pivot is zero,
-    or, of Cholesky, not positive.
+    ``band`` stores the matrix by columns, ``height`` entries in each. Given both widths, the factorisation is LU with
+    pivoting, of a real or complex matrix: a column has ``below`` places for fill, then its entries from the uppermost
+    down; a zero pivot gives inf. Without ``above`` it is Cholesky, of a positive definite matrix: a column has its
+    lower half, from the diagonal down. ``right`` is the right side, and after ``solve`` the solution. ``info`` is 0, or
+    positive where LU meets a zero pivot or Cholesky one that is not positive.
     """
 
     def __init__(self, n: int, below: int, above: int | None = None, kind: type = float) -> None:
+        """Allocate a matrix of ``n`` rows with these widths of the band; ``kind`` is float or complex."""
         self.height = below + 1 if above is None else 2 * below + above + 1
         self.band: np.ndarray = np.zeros(n * self.height, dtype=kind)
         self.right: np.ndarray = np.zeros(n, dtype=kind)
         self.info, size, lead = make_integer(0), make_integer(n), make_integer(self.height)
         widths = [make_integer(width) for width in (below, above) if width is not None]
-        held: list[np.ndarray] = [self.band, lead]
+        stored: list[np.ndarray] = [self.band, lead]  # arguments of the factor, the same for both routines
         if above is None:
             routine = "dpb"
             first = second = [np.frombuffer(b"L", dtype=np.uint8), size, *widths]
         else:
             routine = "zgb" if kind is complex else "dgb"
             first, second = [size, size, *widths], [np.frombuffer(b"N", dtype=np.uint8), size, *widths]
-            held.append(np.zeros(n, dtype=np.int32))  # rows exchanged
-        self.factor = call_lapack(f"{routine}trf", *first, *held, self.info)
-        self.solve = call_lapack(f"{routine}trs", *second, make_integer(1), *held, self.right, size, make_integer(0))
+            stored.append(np.zeros(n, dtype=np.int32))  # rows exchanged
+        self.factor = call_lapack(f"{routine}trf", *first, *stored, self.info)
+        self.solve = call_lapack(f"{routine}trs", *second, make_integer(1), *stored, self.right, size, make_integer(0))
 
 
 class Factors:
@@ -78,6 +79,7 @@ class Factors:
     """
 
     def __init__(self, pattern: FixedPattern, kind: type = float) -> None:
+        """Choose between a band and, where that is too wide, SuperLU; ``kind`` is float or complex."""
         order, n = find_band(pattern), pattern.shape[0]
         self._pattern, self.steps = pattern, list[Step]()
         if order.work > BAND_WORK:
@@ -107,10 +109,12 @@ class Factors:
             self.x[:] = self._superlu.solve(self.x)
 
 
-def solve_between(before: list[Step], factors: Sequence[Factors], after: list[Step], keeps: Any) -> Callable[[], None]:
+def make_solve_call(
+    before: list[Step], factors: Sequence[Factors], after: list[Step], keeps: Any
+) -> Callable[[], None]:
     """Return a function that runs the steps ``before``, solves with each of ``factors``, and runs the steps ``after``.
 
-    It is one call of machine code unless SuperLU takes part. ``keeps`` owns the memory that the steps use.
+    It is one call of machine code unless SuperLU takes part. ``keeps`` owns the memory of the steps and is kept alive.
     """
     direct = all(f.steps for f in factors)
     between = [step for f in factors for step in f.steps] if direct else []
@@ -118,7 +122,7 @@ def solve_between(before: list[Step], factors: Sequence[Factors], after: list[St
     last = Program([] if direct else after, keeps)
 
     def run() -> None:
-        """Run the steps before, solve, and run those after; in one program where no SuperLU takes part."""
+        """Run the steps before, solve, and run those after; in one program unless SuperLU takes part."""
         first.run()
         if not direct:
             for f in factors:

@@ -22,7 +22,7 @@ from ...harness.base.iteration import FAILED, GO_ON, SETTLED, iterate
 from ...harness.base.private_interfaces import replace_names_in_step
 from ...harness.mechanics.types import StepControl
 from .dae import ImplicitForm
-from .linear import Factors, solve_between
+from .linear import Factors, make_solve_call
 from .recording import Clock
 
 DaeSolver = Any  # BDFDAE or RadauDAE
@@ -33,12 +33,12 @@ Newton = Callable[[DaeSolver, ImplicitForm, tuple[Factors, Factors], Norm, Clock
 
 
 def root_mean_square(x: Float[np.ndarray, " n"]) -> float:
-    """Return the root mean square of the scaled corrections ``x``, scipy_dae's norm."""
+    """Return the root mean square of ``x``, corrections over their tolerances: scipy_dae's norm."""
     return math.sqrt(float(x.dot(x)) / len(x))
 
 
 def maximum(x: Float[np.ndarray, " n"]) -> float:
-    """Return the largest absolute entry of the scaled corrections ``x``, the norm of MATLAB's ode15s."""
+    """Return the largest absolute entry of ``x``, corrections over their tolerances: the norm of MATLAB's ode15s."""
     return float(np.max(np.abs(x)))
 
 
@@ -64,14 +64,15 @@ class Scheme(NamedTuple):
     ) -> DaeSolver:
         """Return the method of scipy_dae set up on ``form``, ready to step.
 
-        ``start`` is (t [s], y, y'). Jacobians are evaluated at y' = 0 unless ``keep_y_dot``. The method's Newton
-        iteration is replaced by ``newton``. It counts evaluations, factorisations and solutions. Jacobians are passed
-        as nonzeros of the form's pattern, of which scipy_dae only forms sums.
+        ``start`` is (t [s], y, y'), ``atol`` the absolute tolerance of each unknown, ``norm`` that of the error and
+        Newton tests. Jacobians are evaluated at y' = 0 unless ``keep_y_dot``. The method's Newton iteration is replaced
+        by ``newton``. The method counts evaluations, factorisations and solutions. Jacobians are passed as nonzeros of
+        the form's pattern, of which scipy_dae only forms sums.
         """
         factors = Factors(form.pattern), Factors(form.pattern, complex)
 
         def residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
-            """Return F(t, y, y'), unless the time is up."""
+            """Return F(t, y, y'); raise ``StepFailure`` where the CPU limit is reached."""
             clock.check()
             return form.residual(y, y_dot, t)
 
@@ -81,7 +82,7 @@ class Scheme(NamedTuple):
             return residual(t, y, y_dot)
 
         def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Return copies of the nonzeros of dF/dy and dF/dy', and count them."""
+            """Return copies of the nonzeros of dF/dy and dF/dy', and count one Jacobian."""
             method.njev += 1
             of_y, of_y_dot = form.jacobian(y, y_dot if keep_y_dot else np.zeros_like(y_dot), t)
             return of_y.copy(), of_y_dot.copy()
@@ -94,8 +95,8 @@ class Scheme(NamedTuple):
             return own
 
         def solve_lu(own: Factors, right: np.ndarray) -> np.ndarray:
-            """Return the solution for a right side, both in the order of the unknowns."""
-            _count(method, evaluations=0, solutions=1)
+            """Return the solution for the right side ``right``, both in the order of the unknowns, and count it."""
+            _add_counts(method, evaluations=0, solutions=1)
             own.x[:] = right[own.order]
             own.solve()
             return own.x[own.place]
@@ -118,14 +119,15 @@ class Scheme(NamedTuple):
         return method
 
 
-def ndf_newton(
+def make_ndf_newton(
     method: DaeSolver, form: ImplicitForm, factors: tuple[Factors, Factors], norm: Norm, clock: Clock
 ) -> Callable:
     """Return Newton's iteration of one BDF or NDF step, a replacement of scipy_dae's ``solve_bdf_system``.
 
-    The function returned takes scipy_dae's arguments and returns (converged, iterations, y, y', correction d).
+    The function returned takes scipy_dae's arguments and returns (converged, iterations, y, y', d), with d the sum of
+    the corrections. ``factors`` are those of real and of complex matrices; this method uses the real ones.
     """
-    n, own, code = len(form.y), factors[0], _ndf_loops()
+    n, own, code = len(form.y), factors[0], _compile_ndf_loops()
     c, d, psi, inverse_scale, scaled = np.zeros(1), *(np.zeros(n) for _ in range(4))
     every, count = np.arange(n), np.array([n])
     before = [
@@ -134,13 +136,13 @@ def ndf_newton(
         take(form.F, own.order, own.x),
     ]
     update = [count, inverse_scale, own.x, own.place, scaled, form.y, every, d, every]
-    run = solve_between(before, [own], [(code.address("update"), update)], (code, form))
+    run = make_solve_call(before, [own], [(code.address("update"), update)], (code, form))
 
     def correct() -> float:
-        """Correct the iterate once, and return the norm of the correction."""
+        """Correct y and y' once, and return the norm of the scaled correction."""
         clock.check()
         run()
-        _count(method, evaluations=1, solutions=1)
+        _add_counts(method, evaluations=1, solutions=1)
         return norm(scaled)
 
     def solve(
@@ -154,25 +156,28 @@ def ndf_newton(
         scale: np.ndarray,
         tol: float,
     ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray]:
-        """Iterate from the predictor ``y`` until the norm of the correction is below ``tol``."""
+        """Iterate from the predictor ``y`` until the rate of convergence promises an error below ``tol``.
+
+        y' = ``c_new`` d + ``psi_new``; ``scale`` are the tolerances of the unknowns. The other arguments are unused.
+        """
         form.y[:], form.t[0], c[0], psi[:] = y, t, c_new, psi_new
         np.divide(1.0, scale, out=inverse_scale)
         d.fill(0.0)
-        converged, iterations, _ = _repeat(correct, MOST_ITERATIONS, tol)
+        converged, iterations, _ = _iterate_newton(correct, MOST_ITERATIONS, tol)
         return converged, iterations, form.y.copy(), form.y_dot.copy(), d.copy()
 
     return solve
 
 
-def radau_newton(
+def make_radau_newton(
     method: DaeSolver, form: ImplicitForm, factors: tuple[Factors, Factors], norm: Norm, clock: Clock
 ) -> Callable:
     """Return Newton's iteration of one three-stage Radau IIA step, a replacement of ``solve_collocation_system``.
 
-    The function returned takes scipy_dae's arguments and returns (converged, iterations, stages Y, stage rates Y', Y -
-    y, rate of convergence).
+    The function returned takes scipy_dae's arguments and returns (converged, iterations, stages Y (3, n), their rates
+    Y', Y - y, rate of convergence). ``factors`` are those of the real system and of the pair of complex ones.
     """
-    n, (real, pair), code = len(form.y), factors, _radau_loops()
+    n, (real, pair), code = len(form.y), factors, _compile_radau_loops()
     every, count, stages = np.arange(n), np.array([n]), np.arange(3) * n
     Y, Yp, F, scaled, tau, inverse_scale = *(np.zeros((3, n)) for _ in range(4)), np.zeros(3), np.zeros(n)
     TI, T, hA = (np.ascontiguousarray(matrix.T) for matrix in (method.TI, method.T, method.A))  # by columns
@@ -184,13 +189,13 @@ def radau_newton(
     before.append((code.address("transform"), [count, TI, F, real.order[:, None] + stages, real.x, parts]))
     update = [count, T, hA, inverse_scale, real.x, real.place, parts, 2 * pair.place[:, None] + np.arange(2)]
     after = [(code.address("update"), [*update, scaled, Yp, at, Y, at.copy()])]
-    run = solve_between(before, factors, after, (code, form))
+    run = make_solve_call(before, factors, after, (code, form))
 
     def correct() -> float:
-        """Correct the iterate once, and return the norm of the correction."""
+        """Correct all stages once, and return the norm of the scaled correction."""
         clock.check()
         run()
-        _count(method, evaluations=3, solutions=2)
+        _add_counts(method, evaluations=3, solutions=2)
         return norm(scaled.ravel())
 
     def solve(
@@ -210,48 +215,53 @@ def radau_newton(
         A: np.ndarray,
         most: int,
     ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray, float | None]:
-        """Iterate from the stage rates ``Yp0`` until the norm of the correction is below ``tol``."""
+        """Iterate from the stage rates ``Yp0`` until the rate of convergence promises an error below ``tol``.
+
+        ``h`` is the step, ``scale`` are the tolerances of the unknowns, ``most`` is the number of iterations allowed.
+        ``Yp0`` is overwritten by the last rates. Factors, ``T`` and ``TI`` are known already.
+        """
         Yp[:], tau[:], hA[:] = Yp0, t + h * C, h * A.T
         np.add(y, h * A.dot(Yp), out=Y)
         np.divide(1.0, scale, out=inverse_scale)
-        converged, iterations, rate = _repeat(correct, most, tol)
+        converged, iterations, rate = _iterate_newton(correct, most, tol)
         Yp0[:] = Yp  # as in scipy_dae, a second attempt begins there
         return converged, iterations, Y.copy(), Yp0, Y - y, rate
 
     return solve
 
 
-def _repeat(correct: Callable[[], float], most: int, tol: float) -> tuple[bool, int, float | None]:
-    """Repeat Newton's iteration until it has converged; return whether it has, the number of iterations and their rate.
+def _iterate_newton(correct: Callable[[], float], most: int, tol: float) -> tuple[bool, int, float | None]:
+    """Iterate until converged; return whether it is, the number of iterations and the rate of convergence.
 
-    ``correct`` applies a correction and returns its norm; the rate is the quotient of the last two, None after one. The
-    iteration ends early where ``most`` cannot be enough.
+    ``correct`` applies a correction and returns its norm. The rate is the quotient of the last two norms, None after
+    one. It has converged where rate / (1 - rate) times the norm, the error left, is below ``tol``; it ends early where
+    ``most`` iterations cannot reach that.
     """
-    made = 0
+    iterations = 0
     rate: float | None = None
 
     def classify(s: None, i: int, size: float, before: float) -> int:
-        """Return whether an iteration has converged, fails or goes on, by its rate."""
-        nonlocal made, rate
-        made, rate = i + 1, size / before if i else None
+        """Return SETTLED, FAILED or GO_ON by the norms ``size`` and ``before`` of the last two corrections."""
+        nonlocal iterations, rate
+        iterations, rate = i + 1, size / before if i else None
         if not math.isfinite(size):
             return FAILED
         if rate is not None and (rate >= 1.0 or rate ** (most - i) / (1.0 - rate) * size > tol):
             return FAILED
         return SETTLED if size == 0.0 or (rate is not None and rate / (1.0 - rate) * size < tol) else GO_ON
 
-    return iterate(None, lambda s, i, stale: correct(), classify, most), made, rate
+    return iterate(None, lambda s, i, stale: correct(), classify, most), iterations, rate
 
 
-def _count(method: DaeSolver, *, evaluations: int, solutions: int) -> None:
-    """Add to the counts of scipy_dae's method."""
+def _add_counts(method: DaeSolver, *, evaluations: int, solutions: int) -> None:
+    """Add evaluations and solutions to the counters of scipy_dae's method."""
     method.nfev += evaluations
     method.solutions += solutions
 
 
 @cache
 @making_code
-def _ndf_loops() -> Code:
+def _compile_ndf_loops() -> Code:
     """Compile the two loops of an NDF iteration: y' = c d + psi, and the update of y and d by the scaled correction."""
     c, d, psi, x, inverse_scale = (ca.SX.sym(name) for name in ("c", "d", "psi", "x", "inverse_scale"))
     rate = Loop(whole=[c], rows=[d, psi], stored=[c * d + psi])
@@ -261,8 +271,12 @@ def _ndf_loops() -> Code:
 
 @cache
 @making_code
-def _radau_loops() -> Code:
-    """Compile the two loops of a Radau iteration: to decoupled systems by TI, and back to the stages."""
+def _compile_radau_loops() -> Code:
+    """Compile the two loops of a Radau iteration.
+
+    "transform" sets the right sides of the decoupled systems, -TI F; "update" transforms their solutions back by T, and
+    adds them to the stages and their rates.
+    """
     TI, T, hA = (ca.SX.sym(name, 3, 3) for name in ("TI", "T", "hA"))
     F, x, parts, inverse_scale = ca.SX.sym("F", 3), ca.SX.sym("x"), ca.SX.sym("parts", 2), ca.SX.sym("inverse_scale")
     G, dYp = TI @ F, T @ ca.vertcat(x, parts)
@@ -274,5 +288,5 @@ def _radau_loops() -> Code:
     return compile_functions({"transform": transform, "update": update})
 
 
-NDF_SCHEME = Scheme(BDFDAE, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
-RADAU_SCHEME = Scheme(RadauDAE, "solve_collocation_system", radau_newton, {})
+NDF_SCHEME = Scheme(BDFDAE, "solve_bdf_system", make_ndf_newton, {"NDF_strategy": "efficiency"})
+RADAU_SCHEME = Scheme(RadauDAE, "solve_collocation_system", make_radau_newton, {})

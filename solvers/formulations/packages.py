@@ -8,9 +8,9 @@ ENGINES = "pip install 'mbsbench[engines]'"
 
 
 def find_remedy(module: str, package: str = "", remedy: str = ENGINES) -> NotInstalled | None:
-    """Return how to install ``module`` where it is missing, else None.
+    """Return how to install the Python ``module`` if it is missing, else None.
 
-    ``package`` is its name in the package registry where that differs, ``remedy`` the command that installs it.
+    ``package`` is its name in the package registry if that differs, ``remedy`` the advice how to install it.
     """
     try:
         found = importlib.util.find_spec(module) is not None

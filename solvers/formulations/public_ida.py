@@ -31,6 +31,7 @@ class PublicIda:
         seconds: float | None,
         start: float = 0.0,
     ) -> None:
+        """Prepare IDA at the initial values; ``seconds`` is the CPU time left, None without a limit."""
         from sksundae.ida import IDA
 
         e, more = equations, dict[str, Any]()
@@ -45,7 +46,7 @@ class PublicIda:
         self.evaluations = self.jacobians = 0
         steps = {"first_step": first_step, "max_step": max_step, "max_num_steps": ONE_STEP_LIMIT}
         limits = {"rtol": rtol, "atol": atol, **steps}
-        self._ida = IDA(self._evaluate, linsolver=linear_solver, jacfn=self._fill, **limits, **more)
+        self._ida = IDA(self._evaluate_residual, linsolver=linear_solver, jacfn=self._fill_jacobian, **limits, **more)
         self._ida.init_step(start, e.y.copy(), e.y_dot.copy())
 
     def __enter__(self) -> "PublicIda":
@@ -59,26 +60,31 @@ class PublicIda:
         self._stop = t
 
     def step(self, t_end: float) -> tuple[int, float, Float[np.ndarray, " n"]]:
-        """Take one step towards ``t_end`` [s]; return IDA's flag (negative: it failed), its time and y."""
+        """Take one step towards ``t_end`` [s]; return IDA's flag (negative: it failed), the time [s] reached and y.
+
+        At the limit of CPU time no step is taken: the flag is the first of ``OUT_OF_TIME``, and time and y are void.
+        """
         if self._until is not None and time.process_time() > self._until:
             return OUT_OF_TIME[0], 0.0, self._equations.y
         found = self._ida.step(t_end, method="onestep", tstop=self._stop)
         return int(found.status), float(found.t), np.asarray(found.y)
 
     def _set_state(self, t: float, y: np.ndarray, y_dot: np.ndarray) -> None:
-        """Set the arrays from which the equations are evaluated."""
+        """Copy time, y and y' to the arrays from which the equations are evaluated."""
         e = self._equations
         e.t[0], e.y[:], e.y_dot[:] = t, y, y_dot
 
-    def _evaluate(self, t: float, y: np.ndarray, y_dot: np.ndarray, F: np.ndarray) -> None:
-        """Set ``F`` to the residual."""
+    def _evaluate_residual(self, t: float, y: np.ndarray, y_dot: np.ndarray, F: np.ndarray) -> None:
+        """Set ``F`` to the residual F(t, y, y'), and count it."""
         self.evaluations += 1
         self._set_state(t, y, y_dot)
         self._equations.evaluate.run()
         F[:] = self._equations.F
 
-    def _fill(self, t: float, y: np.ndarray, y_dot: np.ndarray, F: np.ndarray, cj: float, J: np.ndarray) -> None:
-        """Fill ``J`` with dF/dy + cj dF/dy'."""
+    def _fill_jacobian(
+        self, t: float, y: np.ndarray, y_dot: np.ndarray, F: np.ndarray, cj: float, J: np.ndarray
+    ) -> None:
+        """Set ``J``, a full matrix or the nonzeros of a sparse one, to dF/dy + ``cj`` dF/dy', and count it."""
         self.jacobians += 1
         self._set_state(t, y, y_dot)
         e = self._equations

@@ -43,7 +43,7 @@ def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " ran
 
 
 def find_better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    """Return the numbers of as many constraint rows as ``kept``, chosen anew at ``state``, or ``kept`` itself.
+    """Return the indices of as many constraint rows as ``kept``, chosen anew at ``state``, or ``kept`` itself.
 
     The choice is that of a QR factorisation with pivots, on rows scaled to length one. The result is ``kept`` unless
     the least singular value of the rows chosen is more than ``BETTER`` times that of ``kept``.
@@ -55,7 +55,7 @@ def find_better_rows(system: MultibodySystem, state: State, kept: Int[np.ndarray
 
 
 def least_singular_value(system: MultibodySystem, state: State, kept: Int[np.ndarray, " k"]) -> float:
-    """Return the least singular value of the constraint rows ``kept`` of A, scaled to length one."""
+    """Return the least singular value of the rows ``kept`` of A at ``state``, each scaled to length one."""
     return float(np.linalg.svd(scale_jacobian(system, state).toarray()[kept], compute_uv=False)[-1])
 
 
@@ -84,9 +84,10 @@ def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray
 
 
 def _order_joints(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
-    """Return the joints ordered body by body (Cuthill-McKee, for a narrow band), a body's joint to the ground first.
+    """Return the indices of joints, ordered so that the last joint of each loop is the one that closes it.
 
-    The last joint of each loop is the one that closes it.
+    Bodies are in the order of Cuthill and McKee, for a narrow band. A joint comes with the later of its two bodies, and
+    a body's joint to the ground comes first.
     """
     i, j = system.joint_i, system.joint_j
     between = (i != GROUND) & (j != GROUND)
@@ -98,16 +99,17 @@ def _order_joints(system: MultibodySystem) -> Int[np.ndarray, " nj"]:
 
 
 def _choose_by_orthogonalisation(system: MultibodySystem, state: State) -> Int[np.ndarray, " rank"]:
-    """Return a maximal set of independent constraint rows by a dense orthogonalisation, joint by joint.
+    """Return the indices of a maximal set of independent constraint rows, by a dense orthogonalisation.
 
-    Among the rows of a joint, those farthest from the span of the rows already kept come first.
+    Joints are taken in the order of ``_order_joints``. Among the rows of a joint, those farthest from the span of the
+    rows already kept come first.
     """
     A = scale_jacobian(system, state)
     rows, basis, kept = A.toarray(), np.zeros((0, A.shape[1])), []
     for k in _order_joints(system):
         at = np.arange(*system.row_start[k : k + 2])
         left = rows[at]
-        for _ in range(2):
+        for _ in range(2):  # twice, for orthogonality to rounding
             left = left - (left @ basis.T) @ basis
         Q, size, order = factor_with_pivots(left.T)
         distant = size > DISTANT

@@ -27,7 +27,7 @@ LARGEST_SVD = 1000  # rows, 0.3 s; 2000 take 2 s, which a run at its limit does 
 
 @dataclass
 class Clock:
-    """CPU time of a run and of its integration, without that of making code, and its limit."""
+    """CPU time of a run (``whole``) and of its integration (``part``), without that of making code, and its limit."""
 
     limit: float | None
     whole: Stopwatch = field(default_factory=Stopwatch)
@@ -47,7 +47,7 @@ class Clock:
         return None if self.limit is None else self.limit - self.whole.solver
 
     def restart(self) -> float:
-        """Return the CPU time [s] of set-up so far, including that of making code, and start counting the integration.
+        """Start counting the integration; return the CPU time [s] of set-up so far, that of making code included.
 
         The limit still applies to both together.
         """
@@ -108,13 +108,13 @@ def march(
 
     ``y`` (p, u and more) and ``reaction`` are those of the start; the results of ``advance`` are copied. ``counters``
     returns the counts of the run, given the number of steps. A failure near a singularity of the chart or of the
-    constraints is reported as such. ``in_use`` returns the layout at the end and notes on its changes. CPU time before
-    this call counts as set-up.
+    constraints is reported as such. ``in_use`` returns the layout at the end and notes on its changes, where the layout
+    can change. CPU time before this call counts as set-up. New steps go to the control's spool when one is due.
     """
     setup_time, times, ys, reactions = clock.restart(), [0.0], [y.copy()], [reaction.copy()]
 
     def take_step() -> None:
-        """Append the next step; raise ``StepFailure`` where it fails."""
+        """Append the next step to times, ys and reactions; raise ``StepFailure`` where it fails."""
         with np.errstate(all="ignore"):  # an overflow leads to a failure that is reported
             t, y, reaction = advance()
         if not np.isfinite(y).all():
@@ -126,7 +126,7 @@ def march(
         reactions.append(reaction.copy())
         if control.spool is not None and control.spool.due():
             new = slice(control.spool.rows, None)
-            control.spool.take(times[new], _states(layout, np.array(ys[new])))
+            control.spool.take(times[new], _compute_states(layout, np.array(ys[new])))
         if len(times) % LOOK_EVERY == 0:
             _check_constraints(layout, y)
 
@@ -136,7 +136,7 @@ def march(
         status, message = Status.MEMORY, f"stopped at t = {times[-1]:.6g} s: out of memory"
     cpu_time, t_all, y_all, nt = clock.cpu_time(), np.array(times), np.array(ys), len(times)
     setup_time += clock.code_time()
-    states = _states(layout, y_all).with_times(t_all)
+    states = _compute_states(layout, y_all).with_times(t_all)
     margin = layout.chart.margin(y_all[:, layout.p].reshape(nt, layout.system.nb, layout.chart.size))
     if in_use is not None:
         layout, changes = in_use()
@@ -166,12 +166,12 @@ def no_trajectory(problem: Problem, status: Status, message: str) -> Trajectory:
 
 
 def _check_constraints(layout: Layout, y: np.ndarray) -> None:
-    """Raise ``StepFailure`` if the joints have come apart, as the run then integrates another mechanism.
+    """Raise ``StepFailure`` if the joints have come apart at ``y``, as the run then integrates another mechanism.
 
-    That is so if a point or line row exceeds the longest joint arm [m], or an axis row ``LOST_AXIS``.
+    They have if phi of a point or line row exceeds the longest joint arm [m], or phi of an axis row ``LOST_AXIS``.
     """
     s = layout.system
-    phi = np.abs(constraint(s, _states(layout, y[None]))[0])
+    phi = np.abs(constraint(s, _compute_states(layout, y[None]))[0])
     apart = float(max(np.max(phi[rows], initial=0.0) for rows in (s.point_rows()[1], s.line_rows().row)))
     tilt = float(np.max(phi[s.axis_rows().row], initial=0.0))
     arm = max(float(np.max(np.abs(a), initial=0.0)) for a in (s.joint_s_i, s.joint_s_j))
@@ -179,8 +179,8 @@ def _check_constraints(layout: Layout, y: np.ndarray) -> None:
         raise StepFailure(Status.DIVERGED, f"the joints came apart: {apart:.3g} m, axes by a cosine of {tilt:.3g}")
 
 
-def _states(layout: Layout, y: Float[np.ndarray, "nt n"]) -> States:
-    """Return the motion in space for the rows of ``y``, one row per time."""
+def _compute_states(layout: Layout, y: Float[np.ndarray, "nt n"]) -> States:
+    """Return poses and velocities in space of all bodies for the unknowns ``y``, one row per time."""
     nt, nb = len(y), layout.system.nb
     p = y[:, layout.p].reshape(nt, nb, layout.chart.size)
     return layout.chart.states(p, y[:, layout.u].reshape(nt, nb, 6))
@@ -190,25 +190,25 @@ def _explain_failure(layout: Layout, states: States, margin: np.ndarray, status:
     """Return the status of a failed run and text to add to its message, from singularities near its end.
 
     The status is ``SINGULAR`` near a singularity of the 3-1-3 chart, or where the kept constraint rows are nearly
-    dependent; else it is ``status``, and the text is empty.
+    dependent; else it is ``status``, and the text is empty. More than ``LARGEST_SVD`` rows are not examined.
     """
-    said = ""
+    reasons = ""
     if layout.chart.name == "euler313" and margin[-1] < NEAR_CHART_SINGULARITY:
-        status, said = Status.SINGULAR, f"; the 3-1-3 chart is near its singularity, |sin(theta)| = {margin[-1]:.3g}"
+        status, reasons = Status.SINGULAR, f"; the 3-1-3 chart is near its singularity, |sin(theta)| = {margin[-1]:.3g}"
     if 0 < layout.k <= LARGEST_SVD:
         A = constraint_jacobian(layout.system, states[len(states) - 1])[layout.kept]
         size = np.linalg.svd(A.toarray(), compute_uv=False)
         if size[-1] < DEPENDENT_ROWS * size[0]:
             status = Status.SINGULAR
-            said += f"; the kept rows are nearly dependent, singular values of A {size[-1]:.3g} to {size[0]:.3g}"
-    return status, said
+            reasons += f"; the kept rows are nearly dependent, singular values of A {size[-1]:.3g} to {size[0]:.3g}"
+    return status, reasons
 
 
 def move_reactions_to_nodes(out: Trajectory) -> Trajectory:
-    """Return a copy of the trajectory with reactions at the nodes instead of means over the steps before them.
+    """Return a copy of the trajectory with reactions at its times instead of means over the steps that end there.
 
-    They are interpolated to second order, linear at the ends. A trajectory without reactions is returned as it is, and
-    without any step they are one row of NaN.
+    They are interpolated linearly between the middles of the steps, and extrapolated to both ends. A single step gives
+    its mean at both ends, a start alone one row of NaN. A trajectory without reactions is returned as it is.
     """
     if out.reaction is None:  # the run was refused
         return out

@@ -19,5 +19,5 @@ def refuse_without_phi(system: MultibodySystem) -> str | None:
 
 def refuse_without_gradient(system: MultibodySystem) -> str | None:
     """Return the refusal of a method that needs discrete gradients of all joints and forces, or None if they exist."""
-    beyond = len(system.moving_rows().joint) or len(system.torsion_k) or len(system.user_i)
-    return GRADIENTS if beyond else None
+    unsupported = len(system.moving_rows().joint) or len(system.torsion_k) or len(system.user_i)
+    return GRADIENTS if unsupported else None

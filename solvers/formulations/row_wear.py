@@ -36,9 +36,9 @@ class RowWear:
         """Check the rows in use at an accepted step; return more independent rows, or None to keep the present ones.
 
         Only one of ``every`` calls checks: a check takes some 9 us, for small mechanisms a sixth of a step of IDA. Rows
-        are searched for when the sine of a row's angle has fallen to half of its value at the choice. After a search
-        the limit is half of the least ratio found then, until the rows recover. ``pu`` begins with (p, u); ``t`` is in
-        s.
+        are searched for when the sine of a row's angle has fallen to ``WORN`` times its value at the first check. After
+        a vain search the limit is ``WORN`` times the ratio then found, until the rows recover. ``pu`` begins with
+        (p, u); ``t`` is in s.
         """
         turn, self._steps = self._steps % every, self._steps + 1
         if self._sines is None or turn:
@@ -60,6 +60,7 @@ class Sines:
     """Evaluation of the sines between each kept row and the span of those before it, with all velocities in m/s."""
 
     def __init__(self, layout: Layout) -> None:
+        """Assemble A of ``layout`` for a system of unit masses whose bodies have their own radii of gyration."""
         s = layout.system
         even = replace(s, mass=np.ones(s.nb), inertia=np.eye(3) * s.gyration[:, None, None] ** 2)
         layout = Layout(even, layout.chart, layout.kept)
@@ -75,10 +76,10 @@ class Sines:
         self._pu, self._size = rows.y[: layout.lam.start], layout.lam.start
 
     def compute_sines(self, pu: Float[np.ndarray, " n"], t: float) -> Float[np.ndarray, " k"]:
-        """Return the sine of each kept row's angle with the span of those before it, in the order of a band.
+        """Return the sine of the angle between each kept row and the span of those before it, in the order of the band.
 
-        Entries after a row that depends on those before it are meaningless.
+        ``pu`` begins with (p, u); ``t`` is in s. Sines after a row that depends on those before it are meaningless.
         """
         self._pu[:], self._rows.t[0] = pu[: self._size], t
         self._rows.evaluate.run()
-        return self._saddle.sines()
+        return self._saddle.compute_sines()

@@ -22,6 +22,7 @@ class RowsInUse:
     def __init__(
         self, layout: Layout, begin: Callable[[Layout, Problem], None], problem: Problem, *, every: int
     ) -> None:
+        """Begin the integration of ``problem`` on the rows of ``layout``."""
         self.layout, self._wear, self.changes = layout, RowWear(layout), list[float]()
         self._begin, self._problem, self._every = begin, problem, every
         begin(layout, problem)
@@ -44,8 +45,8 @@ class RowsInUse:
     def _restart_on_better_rows(self, t: float, y: np.ndarray, every: int) -> bool:
         """Restart the integrator on other rows if those in use are nearly dependent; return whether it did.
 
-        With ``every`` = 1, after a failed step, a state that cannot be projected returns False; else it raises
-        ``StepFailure``.
+        It restarts at the state of ``t`` [s] and ``y``, projected onto the constraints. A state that cannot be
+        projected raises ``StepFailure``, but after a failed step, where ``every`` is 1, it returns False.
         """
         kept = self._wear.find_better_rows(y, t, every)
         if kept is None:

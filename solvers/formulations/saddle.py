@@ -38,6 +38,7 @@ class InverseMass:
     """
 
     def __init__(self, layout: Layout, y: Float[np.ndarray, " n"]) -> None:
+        """Compute the constant blocks, and prepare the step that converts them to a chart of variable mass."""
         s, chart = layout.system, layout.chart
         self._chart, self._p = chart, y[layout.p]
         free = np.zeros((s.nb, 6, 6))
@@ -46,7 +47,7 @@ class InverseMass:
         used, block = free != 0.0, np.arange(6 * s.nb).reshape(s.nb, 6)
         self.data, self.steps = free.ravel(), list[Step]()
         if not chart.constant_mass:
-            self._code, used[:, 3:, 3:], self.data = _blocks(chart), True, np.zeros(free.size)
+            self._code, used[:, 3:, 3:], self.data = _compile_mass_blocks(chart), True, np.zeros(free.size)
             table = np.arange(layout.n_p)
             self.steps.append((self._code.address("blocks"), [np.array([s.nb]), free, self._p, table, self.data]))
         self.places = np.flatnonzero(used)
@@ -56,8 +57,8 @@ class InverseMass:
 
 @cache
 @making_code
-def _blocks(chart: Chart) -> Code:
-    """Compile the loop over bodies that turns M^-1 in body velocities into B^-1 M^-1 B^-T in the chart's own."""
+def _compile_mass_blocks(chart: Chart) -> Code:
+    """Compile the loop over bodies that converts M^-1 in (v, Omega) to B^-1 M^-1 B^-T in the chart's velocities."""
     p, u, free = ca.SX.sym("p", chart.size), ca.SX.sym("u", 6), ca.SX.sym("free", 36)
     T_inverse = ca.inv_minor(ca.jacobian(chart.body_velocity(p, u), u)[3:, 3:])
     block = ca.reshape(free, 6, 6)
@@ -66,9 +67,10 @@ def _blocks(chart: Chart) -> Code:
 
 
 class Saddle:
-    """The solution for A of a fixed ``pattern`` (k, n_u), which reads ``A``, ``e`` and ``c`` from given arrays.
+    """A solver for u_dot and lam with A of a fixed ``pattern`` (k, n_u); it reads ``A``, ``e`` and ``c`` at each call.
 
-    ``e`` is the load h - f without reactions, ``c`` are the constraint rows at u_dot = 0.
+    These are arrays of the caller: the nonzeros of A, the load h - f without reactions, and the constraint rows at
+    u_dot = 0.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class Saddle:
         e: Float[np.ndarray, " n_u"],
         c: Float[np.ndarray, " k"],
     ) -> None:
+        """Prepare the steps that factorise S = A M^-1 A^T, with M^-1 = ``inverse_mass``, and those that solve."""
         k, n_u = layout.k, layout.n_u
         W, blocks, in_blocks = inverse_mass.pattern, inverse_mass.data, inverse_mass.places
         self._u_dot, self._lam = np.zeros(n_u), np.zeros(k)
@@ -119,11 +122,10 @@ class Saddle:
         solve += [set_to_zero(self._u_dot), add_products(blocks, in_blocks, back, W.columns, self._u_dot, W.rows)]
         self._factor, self._solve = Program(factor), Program(solve)
 
-    def sines(self) -> Float[np.ndarray, " k"]:
-        """Factorise A M^-1 A^T; return the sine of each row's angle with the span of those before it.
+    def compute_sines(self) -> Float[np.ndarray, " k"]:
+        """Factorise A M^-1 A^T; return the sine of the angle between each row and the span of those before it.
 
-        Rows are in the band's order. Angles are in the metric of M^-1. It does not check that the factorisation
-        succeeded.
+        Rows are in the order of the band, angles in the metric of M^-1. A failure of the factorisation is not reported.
         """
         self._factor.run()
         return self._pivots / np.sqrt(self._squares)

@@ -22,6 +22,7 @@ class FixedPattern:
         *,
         by_column: bool = False,
     ) -> None:
+        """Find the distinct places among the entries (``row``, ``column``) of a matrix of this ``shape``, in order."""
         major, minor = (column, row) if by_column else (row, column)
         self.shape, self.by_column = shape, by_column
         n_minor = shape[0] if by_column else shape[1]
@@ -58,6 +59,7 @@ class FixedProduct:
     """The product P Q of two patterns by rows: terms P.data[``p``] Q.data[``q``], the entries of ``pattern``."""
 
     def __init__(self, P: FixedPattern, Q: FixedPattern) -> None:
+        """List the products of nonzeros P_ij Q_jk, and the pattern of their sums over j."""
         count = np.diff(Q.indptr)[P.indices]
         self.p = np.repeat(np.arange(P.nnz), count)
         within = np.arange(len(self.p)) - np.repeat(np.cumsum(count) - count, count)

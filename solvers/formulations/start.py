@@ -17,9 +17,9 @@ RATE_STEP = 1e-5
 
 
 def choose_layout(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, ...]]:
-    """Return the layout of unknowns over independent constraint rows at the start, and notes on rows dropped.
+    """Return the layout of unknowns on constraint rows independent at the start, and notes on those dropped.
 
-    ``coordinates`` is the chart's name.
+    ``coordinates`` is the chart's name, "quaternion" or "euler313". The notes are empty if no row is redundant.
     """
     system = problem.system
     kept = rows_to_keep(system, problem.initial)
@@ -50,6 +50,7 @@ class Accelerations:
     """Accelerations u' and multipliers lam of index 1, with Baumgarte's terms, at any (p, u)."""
 
     def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0) -> None:
+        """Assemble the equations of index 1 and the solver of their saddle; ``alpha`` and ``beta`` are in 1/s."""
         self._layout = layout
         self._motion = motion = assemble_equations(layout, "acceleration", alpha, beta, differentiable=True)
         first_c = layout.n_p + layout.n_u
@@ -104,9 +105,9 @@ def make_consistent(
 def make_unloaded_start(
     layout: Layout, y: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return (y, y') with the accelerations of free fall; without multipliers the acceleration rows are violated.
+    """Return (y, y') with the accelerations that the bodies have without joints.
 
-    ``y`` is returned as it is, with its lam = 0.
+    ``y`` is returned as it is, with its lam = 0; the constraint rows at the level of accelerations are thus violated.
     """
     accelerations = Accelerations(Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64)))
     y_short = y[: layout.n - layout.k]

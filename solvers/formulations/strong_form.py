@@ -77,12 +77,13 @@ class StrongForm:
         c_bar: float = 0.0,
         k_bar: float = 0.0,
     ) -> None:
+        """Assemble the terms of Eq. (65) and prepare its solution; ``alpha`` and ``beta`` [1/s] are Baumgarte's."""
         self._layout = layout
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
         self._direction, self._given = direction, (c_bar, k_bar)
         self.pattern, place = find_jacobian_pattern(layout)
-        self._slices, n_out = _slices(layout, self.pattern.nnz)
-        self._motion = Assembly(self._bare, self._batches(layout, place), n_out, differentiable=False)
+        self._slices, n_out = _slice_outputs(layout, self.pattern.nnz)
+        self._motion = Assembly(self._bare, self._make_batches(layout, place), n_out, differentiable=False)
         self._at_rest = np.zeros(layout.n_u)
         s = layout.system
         self._gravity = np.concatenate((s.mass[:, None] * s.gravity, np.zeros((s.nb, 3))), axis=1).ravel()
@@ -112,7 +113,7 @@ class StrongForm:
         self._after = Program([(code.address("lam_ddot"), [count, *shared, *outer, at.f_bar, self._lam_ddot])], code)
 
     def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
-        """Evaluate all terms of Eq. (65) at (p, u) and time ``t`` [s], and return a copy of them."""
+        """Evaluate all terms of Eq. (65) at ``pu`` = (p, u) and time ``t`` [s], and return a copy of them."""
         self._evaluate(pu, t)
         return RowTerms(*(part.copy() for part in self._at))
 
@@ -138,7 +139,10 @@ class StrongForm:
         return StrongRates(self._at.p_dot, u_dot, self._lam_ddot, self._F)
 
     def _evaluate(self, pu: np.ndarray, t: float) -> None:
-        """Evaluate the terms of Eq. (65) at (p, u) and time ``t`` [s], and the right side of the linear system."""
+        """Evaluate the terms of Eq. (65) at ``pu`` = (p, u) and time ``t`` [s], and the right side of the system.
+
+        C_bar and K_bar of springs are added to those given; a negative K_bar is set to zero.
+        """
         self._motion.set_inputs(pu, self._at_rest, t)
         self._motion.evaluate.run()
         if self._loads is not None:
@@ -151,16 +155,16 @@ class StrongForm:
             np.maximum(self._at.K_bar, 0.0, out=self._at.K_bar)  # a negative value would drive phi away exponentially
         self._before.run()
 
-    def _batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
-        """Return the elements of bodies, forces and joints, whose outputs go to ``self._slices``.
+    def _make_batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
+        """Return the batches of bodies, forces and joints, whose outputs go to ``self._slices``.
 
-        ``place`` is the nonzero of A that each entry of the joints' rows goes to, -1 if it is dropped.
+        ``place`` is the index of the nonzero of A to which each entry of the joints' rows is added, -1 if dropped.
         """
         bare = self._bare
         A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (part.start for part in self._slices[2:])
         batches, used = [make_body_batch(bare), *make_force_batches(bare)], 0
         for of in iterate_joint_kinds(bare):
-            inertia, moves = (_inertia(layout, b) for b in (of.i, of.j)), (of.j != GROUND)[:, None].astype(float)
+            inertia, moves = (_list_inertias(layout, b) for b in (of.i, of.j)), (of.j != GROUND)[:, None].astype(float)
             row = layout.index_rows(of.rows)
             entries = place[used : used + 12 * row.size].reshape(len(row), 12 * row.shape[1])
             used += entries.size
@@ -176,7 +180,10 @@ class StrongForm:
 @lru_cache(ELEMENTS)
 @making_code
 def _compile_rows(alpha: float, beta: float) -> Code:
-    """Compile the scalar formulas of Eq. (65) for a row: "right", the right side of the saddle, and "lam_ddot"."""
+    """Compile the scalar formulas of Eq. (65), row by row: "right", the constraint row at u_dot = 0, and "lam_ddot".
+
+    ``alpha`` and ``beta`` [1/s] are Baumgarte's, added to "right".
+    """
     names = ("phi", "phi_dot", "M_bar", "M_bar_dot", "C_bar", "K_bar", "gamma", "lam", "lam_dot", "F", "f_bar")
     phi, phi_dot, M_bar, M_bar_dot, C_bar, K_bar, gamma, lam, lam_dot, F, f_bar = (ca.SX.sym(name) for name in names)
     shared = [phi, phi_dot, M_bar, M_bar_dot, C_bar, K_bar]
@@ -195,6 +202,7 @@ class _Springs:
     """The derivatives of the forces of all springs by velocities V and by poses."""
 
     def __init__(self, bare: Layout) -> None:
+        """Assemble the two slopes (12, 12) of each spring into sparse matrices; columns of the ground are left out."""
         s, n = bare.system, bare.n_u
         ends = index_pair_ends(bare, s.spring_i, s.spring_j)
         at, z = ends.free, np.concatenate((ends.z, ends.t), axis=1)
@@ -208,23 +216,26 @@ class _Springs:
         self._slopes, self._at_rest = Assembly(bare, [batch], 2 * self._m, differentiable=False), np.zeros(n)
 
     def compute_slopes(self, pu: np.ndarray) -> tuple[Any, Any]:
-        """Return -df/dV and -df/dx (along the flow) of all springs at (p, u), as two sparse matrices (n_u, n_u)."""
+        """Return -df/dV and -df/dx of all springs at ``pu`` = (p, u), as two sparse matrices (n_u, n_u).
+
+        A change dx of pose is a displacement along V, in m and rad.
+        """
         found, of = self._slopes.values(pu, self._at_rest), self._pattern
         return of.make_matrix(of.sum_entries(found[: self._m])), of.make_matrix(of.sum_entries(found[self._m :]))
 
 
-def _slices(layout: Layout, nnz: int) -> tuple[list[slice], int]:
-    """Return the slices of the parts of the assembly's output, and its length.
+def _slice_outputs(layout: Layout, nnz: int) -> tuple[list[slice], int]:
+    """Return the slices of the assembly's output by quantity, and its length.
 
-    The parts are those of ``RowTerms`` up to M_bar_dot, then c of Eq. (31).
+    The quantities are those of ``RowTerms`` up to M_bar_dot, then c of Eq. (31); A and c have ``nnz`` entries.
     """
     k = layout.k
     ends = np.cumsum((0, layout.n_p, layout.n_u, nnz, k, k, k, k, k, nnz))
     return [slice(int(a), int(b)) for a, b in pairwise(ends)], int(ends[-1])
 
 
-def _inertia(layout: Layout, bodies: np.ndarray) -> np.ndarray:
-    """Return mass and inertia (m, J by rows) of ``bodies``, one row (10) each; 1 and identity for the ground."""
+def _list_inertias(layout: Layout, bodies: np.ndarray) -> np.ndarray:
+    """Return mass and inertia of ``bodies`` as rows (10,): m, then J by rows; 1 and the identity for the ground."""
     s = layout.system
     table = np.tile(np.append(1.0, np.eye(3)), (s.nb + 1, 1))
     table[: s.nb, 0], table[: s.nb, 1:] = s.mass, s.regular_inertia.reshape(-1, 9)

@@ -65,14 +65,14 @@ def integrate(
     pieces = list[_Segment]()
 
     def begin(layout: Layout, problem: Problem) -> None:
-        """Begin a new integration from the start of ``problem``, on the rows of ``layout``."""
+        """Begin a new integration at the initial state of ``problem``, on the rows of ``layout``; lam is kept."""
         outer = pieces[-1].outer if pieces else np.zeros((2, layout.system.nrows))
         pieces.append(_Segment(layout, problem, control, method, options, outer, lambda_in_test, clock))
 
     rows = RowsInUse(layout, begin, problem, every=ROWS_EVERY)
 
     def advance() -> tuple[float, np.ndarray, np.ndarray]:
-        """Take a step, and return time, unknowns and reactions."""
+        """Take a step, and change the rows where needed; return its time [s], (p, u) and the reactions of all rows."""
         t, pu, reaction = pieces[-1].step()
         rows.update_rows(t, pu)
         return t, pu, reaction
@@ -104,6 +104,10 @@ class _Segment:
         lambda_in_test: bool,
         clock: Clock,
     ) -> None:
+        """Start SciPy's ``method`` at the initial state of ``problem``, on the rows of ``layout``.
+
+        ``options`` are those of the solver; ``lambda_in_test`` includes lam and lam_dot in the error test.
+        """
         assert control.rtol is not None  # the catalogue requires it
         self._layout, self._clock = layout, clock
         self._n = n = layout.n_p + layout.n_u
@@ -136,7 +140,10 @@ class _Segment:
         return np.array([self._layout.all_rows(each) for each in np.split(self._ode.y[self._n :], 2)])
 
     def count_work(self) -> dict[str, int]:
-        """Return the numbers of evaluations and, by method, of rejected steps or of Jacobians and factorisations."""
+        """Return the counters of this integration: evaluations and, as the method reports them, others.
+
+        Explicit pairs add rejected steps, derived from their stages; implicit methods add Jacobians and factorisations.
+        """
         ode = self._ode
         if self._stages is not None:
             attempts = (ode.nfev - EVALUATIONS_AT_START) // self._stages
@@ -145,7 +152,10 @@ class _Segment:
         return {"evaluations": ode.nfev + self._steps, **of_jacobians}
 
     def _rhs(self, t: float, y: np.ndarray) -> np.ndarray:
-        """Return the derivatives of (p, u, lam, lam_dot), and keep the reaction."""
+        """Return the derivative of ``y`` = (p, u, lam, lam_dot) at ``t`` [s], and store the reaction.
+
+        Raises ``StepFailure`` at the CPU limit and where the kept rows are dependent.
+        """
         self._clock.check()
         n, k = self._n, self._layout.k
         rates = self._form.rates(y[:n], y[n : n + k], y[n + k :], t)

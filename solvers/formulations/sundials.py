@@ -79,7 +79,7 @@ class Ida:
         ``linear_solver`` is "dense", "band" or "sparse"; a ``first_step`` or ``max_step`` [s] of 0 is left to IDA;
         ``start`` is the initial time [s].
         """
-        self._equations, self._stack, self._said = equations, ExitStack(), list[str]()
+        self._equations, self._stack, self._messages = equations, ExitStack(), list[str]()
         self._failure: BaseException | None = None
         self._indices = list[tuple[np.ndarray, np.ndarray]]()  # index arrays of a sparse matrix, and their values
         self.jacobians = 0
@@ -87,15 +87,15 @@ class Ida:
         self._solution = tuple(x.copy() for x in (equations.y, equations.y_dot))
         context = ADDRESS()
         _check(_function("SUNContext_Create")(FLAG(0), ctypes.byref(context)))
-        self._free("SUNContext_Free", ctypes.byref(context))
+        self._free_at_exit("SUNContext_Free", ctypes.byref(context))
         self._hear_c = ctypes.CFUNCTYPE(None, FLAG, *[ctypes.c_char_p] * 3, FLAG, ADDRESS, ADDRESS)(self._store_message)
         _check(_function("SUNContext_ClearErrHandlers")(context))
         _check(_function("SUNContext_PushErrHandler")(context, self._hear_c, None))
         self._atol = atol.copy()
-        y, y_dot, tolerances = (self._vector(x, context) for x in (*self._solution, self._atol))
-        matrix, solver = self._linear_algebra(linear_solver, n, y, context)
+        y, y_dot, tolerances = (self._make_vector(x, context) for x in (*self._solution, self._atol))
+        matrix, solver = self._make_linear_solver(linear_solver, n, y, context)
         self._memory = _allocate("IDACreate", context)
-        self._free("IDAFree", ctypes.byref(self._memory))
+        self._free_at_exit("IDAFree", ctypes.byref(self._memory))
         code, limit = compile_residual(), 2**62 if seconds is None else int((time.process_time() + seconds) * 1e6)
         own = (equations.y, equations.y_dot, equations.F)
         run, (program,) = equations.evaluate.step
@@ -147,7 +147,7 @@ class Ida:
     @property
     def messages(self) -> str:
         """Error messages of SUNDIALS so far, on one line."""
-        return " ".join(self._said)
+        return " ".join(self._messages)
 
     def stop_at(self, t: float) -> None:
         """Set the time [s] that no step may pass."""
@@ -164,19 +164,20 @@ class Ida:
             raise self._failure
         return flag, self._t.value, self._solution[0]
 
-    def _vector(self, x: np.ndarray, context: Any) -> Any:
-        """Return the address of a SUNDIALS vector over the memory of ``x``, freed with this object."""
-        out = _allocate("N_VMake_Serial", _index()(len(x)), ADDRESS(x.ctypes.data), context)
-        self._free("N_VDestroy", out)
+    def _make_vector(self, x: np.ndarray, context: Any) -> Any:
+        """Return the address of a SUNDIALS vector over the memory of ``x``; the vector is freed with this object."""
+        out = _allocate("N_VMake_Serial", _find_index_type()(len(x)), ADDRESS(x.ctypes.data), context)
+        self._free_at_exit("N_VDestroy", out)
         return out
 
-    def _linear_algebra(self, kind: str, n: int, y: Any, context: Any) -> tuple[Any, Any]:
-        """Make Newton's matrix and its solver and return their addresses; set the positions of the Jacobian's nonzeros.
+    def _make_linear_solver(self, kind: str, n: int, y: Any, context: Any) -> tuple[Any, Any]:
+        """Make Newton's matrix and its linear solver, and return the addresses of both.
 
-        ``kind`` is "dense", "band" or "sparse"; ``n`` is the number of unknowns; ``y`` and ``context`` are addresses of
-        SUNDIALS' objects.
+        The memory of the matrix, and the position in it of each nonzero of the Jacobian, are stored for
+        ``_fill_jacobian``. ``kind`` is "dense", "band" or "sparse"; ``n`` is the number of unknowns; ``y`` and
+        ``context`` are addresses of SUNDIALS' objects.
         """
-        INDEX, rows, columns = _index(), self._equations.rows, self._equations.columns
+        INDEX, rows, columns = _find_index_type(), self._equations.rows, self._equations.columns
         below, above = int(np.max(rows - columns)), int(np.max(columns - rows))
         name, solver_name, threads = kind.capitalize(), f"SUNLinSol_{kind.capitalize()}", list[Any]()
         sizes: list[Any]
@@ -193,21 +194,21 @@ class Ida:
             size, sizes, places = len(rows), [INDEX(n), INDEX(len(rows)), FLAG(BY_COLUMNS)], np.arange(len(rows))
             solver_name, threads = "SUNLinSol_SuperLUMT", [FLAG(1)]  # more take milliseconds to set out
         matrix = _allocate(f"SUN{name}Matrix", INDEX(n), *sizes, context)
-        self._free("SUNMatDestroy", matrix)
-        self._data, self._places = _array(_function(f"SUN{name}Matrix_Data")(matrix), NUMBER, size), places
+        self._free_at_exit("SUNMatDestroy", matrix)
+        self._data, self._places = _view_memory(_function(f"SUN{name}Matrix_Data")(matrix), NUMBER, size), places
         if kind == "sparse":
             starts = np.searchsorted(columns, np.arange(n + 1))
             for part, x in (("Values", rows), ("Pointers", starts)):
                 address = _function(f"SUNSparseMatrix_Index{part}")(matrix)
-                self._indices.append((_array(address, INDEX, len(x)), x))
+                self._indices.append((_view_memory(address, INDEX, len(x)), x))
         solver = _allocate(solver_name, y, matrix, *threads, context)
-        self._free("SUNLinSolFree", solver)
+        self._free_at_exit("SUNLinSolFree", solver)
         return matrix, solver
 
     def _fill_jacobian(self, t: float, cj: float, y: int, y_dot: int, *rest: int) -> int:
-        """Fill the matrix dF/dy + cj dF/dy', as IDA's ``jacfn``; return 0, or -1 after an exception, which is stored.
+        """Fill the matrix dF/dy + ``cj`` dF/dy' for IDA; return 0, or -1 after an exception, which is stored.
 
-        SUNDIALS has set the matrix to zero.
+        ``y`` and ``y_dot`` are addresses of vectors. SUNDIALS has set the matrix to zero.
         """
         try:
             self.jacobians += 1
@@ -224,14 +225,14 @@ class Ida:
 
     def _store_message(self, line: int, function: bytes, file: bytes, message: bytes, code: int, *rest: int) -> None:
         """Store an error message of SUNDIALS, as its error handler."""
-        self._said.append(f"[{function.decode()}, Error: {code}] {message.decode().strip()}")
+        self._messages.append(f"[{function.decode()}, Error: {code}] {message.decode().strip()}")
 
-    def _free(self, name: str, what: Any) -> None:
-        """Add a call of SUNDIALS' function ``name`` on the object ``what`` to those made when this object is closed."""
+    def _free_at_exit(self, name: str, what: Any) -> None:
+        """Store a call of SUNDIALS' function ``name`` on the object ``what``, to be made when this object is closed."""
         self._stack.callback(_function(name), what)
 
 
-def _array(address: int, kind: Any, size: int) -> np.ndarray:
+def _view_memory(address: int, kind: Any, size: int) -> np.ndarray:
     """Return an array of ``size`` numbers of the C type ``kind`` over the memory at ``address``."""
     return np.ctypeslib.as_array((kind * size).from_address(address))
 
@@ -253,7 +254,7 @@ def _check(flag: int) -> None:
 
 
 @cache
-def _index() -> Any:
+def _find_index_type() -> Any:
     """Return the C type of SUNDIALS' indices, 32 or 64 bits as it was built."""
     return np.ctypeslib.as_ctypes_type(locate_sundials()[1])
 

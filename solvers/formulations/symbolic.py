@@ -65,10 +65,10 @@ class Element:
 
 
 def make_moving_body(chart: Chart, end: str) -> MovingBody:
-    """Return symbols p, u, u_dot of a body's coordinates, velocities and accelerations, and its motion in ``chart``.
+    """Return a body with new symbols p, u and u_dot, and its motion in ``chart`` expressed by them.
 
-    V = B(p) u are v in space and Omega in the body's frame, in this order; V_dot and p_dot follow from p, u, u_dot.
-    ``end`` is the suffix of the symbols' names, "i" or "j" (accelerations are named ``w_i``).
+    V = B(p) u is (v in space, Omega in the body's frame); V_dot and p_dot follow from p, u and u_dot. ``end`` is the
+    suffix of the symbols' names, "i" or "j".
     """
     p, u, u_dot = ca.SX.sym(f"p_{end}", chart.size), ca.SX.sym(f"u_{end}", 6), ca.SX.sym(f"w_{end}", 6)
     V, p_dot = chart.body_velocity(p, u), chart.flow(p, u)
@@ -113,7 +113,7 @@ def make_joint_rows(kind: str, chart: Chart) -> JointRows:
     """Return the constraint rows of a joint of kind ``kind`` between two bodies, in ``chart``."""
     e, i, j = express_rows(kind), make_moving_body(chart, "i"), make_moving_body(chart, "j")
     free = ca.Function("rows", [e.x, e.V, e.t, e.numbers], [e.phi, e.A, e.phi_dot, e.gamma])
-    phi, A, phi_dot, gamma = free(*_motion_of(i, j), e.t, e.numbers)
+    phi, A, phi_dot, gamma = free(*_stack_motion(i, j), e.t, e.numbers)
     A_chart = ca.densify(A @ ca.diagcat(i.B, j.B))
     return JointRows(i, j, e.numbers, e.t, phi, A, A_chart, phi_dot, gamma + A @ ca.vertcat(i.V_dot, j.V_dot))
 
@@ -121,12 +121,12 @@ def make_joint_rows(kind: str, chart: Chart) -> JointRows:
 @lru_cache(ELEMENTS)
 @making_code
 def make_row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
-    """Return the element of a joint: inputs z end with lam, then t; outputs are loads and c.
+    """Return the element of a joint: inputs z end with lam, then t; outputs are its load on both bodies and c.
 
-    Its parameters are those of ``list_joint_parameters``. The loads load_i, load_j are -A^T lam, and c are the rows.
-    ``level`` "acceleration": c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi;
-    "position": phi, Eq. (93); "both": phi and phi_dot; z then has lam and eta, and G A^T eta, output "moved", is added
-    to p_dot.
+    Its parameters are those of ``list_joint_parameters``. Output "load" is -A^T lam (12,), "c" are the constraint rows
+    at a ``level``. "acceleration": phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi;
+    "position": phi, Eq. (93); "both": phi, with phi_dot as output "c_dot"; z then has lam and eta, and output "moved"
+    is G A^T eta, a term of p_dot. ``alpha`` and ``beta`` [1/s] are Baumgarte's.
     """
     pair = make_joint_rows(kind, chart)
     n = pair.value.numel()
@@ -137,13 +137,13 @@ def make_row_element(kind: str, chart: Chart, level: str, alpha: float, beta: fl
         slip = pair.A_chart.T @ eta  # a velocity
         moved = ca.vertcat(chart.flow(pair.i.p, slip[:6]), chart.flow(pair.j.p, slip[6:]))
         outputs = {"load": load, "c": pair.value, "c_dot": pair.rate, "moved": moved}
-        return Element(_unknowns(pair, lam, eta), _accelerations(pair), pair.numbers, outputs)
+        return Element(_stack_unknowns(pair, lam, eta), _stack_accelerations(pair), pair.numbers, outputs)
     c = {
         "position": pair.value,
         "velocity": pair.rate + alpha * pair.value,
         "acceleration": pair.acceleration + 2.0 * alpha * pair.rate + beta**2 * pair.value,
     }[level]
-    return Element(_unknowns(pair, lam), _accelerations(pair), pair.numbers, {"load": load, "c": c})
+    return Element(_stack_unknowns(pair, lam), _stack_accelerations(pair), pair.numbers, {"load": load, "c": c})
 
 
 @lru_cache(ELEMENTS)
@@ -151,7 +151,7 @@ def make_row_element(kind: str, chart: Chart, level: str, alpha: float, beta: fl
 def make_jacobian_element(kind: str, chart: Chart) -> Element:
     """Return the element whose output is A of a joint's constraint rows in the chart, column by column."""
     pair = make_joint_rows(kind, chart)
-    return Element(_unknowns(pair), _accelerations(pair), pair.numbers, {"A": ca.vec(pair.A_chart)})
+    return Element(_stack_unknowns(pair), _stack_accelerations(pair), pair.numbers, {"A": ca.vec(pair.A_chart)})
 
 
 DIRECTIONS = ("a", "mass", "translation")
@@ -179,7 +179,7 @@ def make_strong_row_element(kind: str, chart: Chart, direction: str = "a") -> El
         c = c / ca.repmat(ca.sum2(a * c), 1, 12)
     M_bar = ca.sum2((c @ M) * c)
     p, p_dot = ca.vertcat(pair.i.p, pair.j.p), ca.vertcat(pair.i.p_dot, pair.j.p_dot)
-    w = _accelerations(pair)
+    w = _stack_accelerations(pair)
     outputs = {
         "A": ca.vec(pair.A_chart),
         "gamma": ca.substitute(pair.acceleration, w, ca.SX.zeros(12)),
@@ -189,18 +189,19 @@ def make_strong_row_element(kind: str, chart: Chart, direction: str = "a") -> El
         "M_bar_dot": ca.jtimes(M_bar, p, p_dot) + ca.jacobian(M_bar, pair.t),
         "c": ca.vec(c),
     }
-    return Element(_unknowns(pair), w, ca.vertcat(pair.numbers, body), outputs)
+    return Element(_stack_unknowns(pair), w, ca.vertcat(pair.numbers, body), outputs)
 
 
 @lru_cache(ELEMENTS)
 @making_code
 def make_force_element(kind: str, chart: Chart, *, in_chart: bool = True) -> Element:
-    """Return the element of a force of kind ``kind``: parameters ``list_force_parameters``, output "load".
+    """Return the element of a force of kind ``kind``, with parameters ``list_force_parameters`` and output "load".
 
-    The load is -B^T f in the chart's velocities if ``in_chart``, else f itself in the velocities V.
+    The load is -B^T f in the chart's velocities if ``in_chart``, else f itself in the velocities V. It acts on bodies i
+    and j, or on i alone if the kind acts on one body.
     """
     e, i, j = express_push(kind), make_moving_body(chart, "i"), make_moving_body(chart, "j")
-    (f,) = ca.Function("push", [e.x, e.V, e.t, e.numbers], [e.load]).call([*_motion_of(i, j), e.t, e.numbers])
+    (f,) = ca.Function("push", [e.x, e.V, e.t, e.numbers], [e.load]).call([*_stack_motion(i, j), e.t, e.numbers])
     if DECLARED[kind].pair:
         return make_load_element((i, j), f, e.numbers, e.t, in_chart=in_chart)
     return make_load_element((i,), f[:6], e.numbers, e.t, in_chart=in_chart)
@@ -211,7 +212,8 @@ def make_load_element(
 ) -> Element:
     """Return the element of a force ``f``, given by six components in V for each of ``bodies``.
 
-    Its output is -B^T f, as it enters e in the chart's velocities, if ``in_chart``, else f; inputs z end with ``t``.
+    Its output "load" is -B^T f in the chart's velocities, a term of e, if ``in_chart``; else it is f. Inputs z end with
+    ``t``; ``parameters`` are the symbols that ``f`` depends on.
     """
     load = -ca.diagcat(*[b.B for b in bodies]).T @ f if in_chart else f
     z = ca.vertcat(*[part for b in bodies for part in (b.p, b.u)], t)
@@ -229,22 +231,22 @@ def make_spring_derivative_element(chart: Chart) -> Element:
     """
     e, i, j = express_push("spring"), make_moving_body(chart, "i"), make_moving_body(chart, "j")
     free = ca.Function("spring", [e.x, e.V, e.t, e.numbers], [-e.velocity_slopes, -e.pose_slopes])
-    damping, stiffness = free(*_motion_of(i, j), e.t, e.numbers)
+    damping, stiffness = free(*_stack_motion(i, j), e.t, e.numbers)
     outputs = {"damping": ca.vec(damping), "stiffness": ca.vec(stiffness)}
     z = ca.vertcat(i.p, i.u, j.p, j.u, e.t)
     return Element(z, ca.vertcat(i.u_dot, j.u_dot), e.numbers, outputs)
 
 
-def _motion_of(i: MovingBody, j: MovingBody) -> tuple[ca.SX, ca.SX]:
+def _stack_motion(i: MovingBody, j: MovingBody) -> tuple[ca.SX, ca.SX]:
     """Return the poses x (24) and velocities V (12) of two bodies, in the order of ``rows.expressions``."""
     return ca.vertcat(i.pose.flat(), j.pose.flat()), ca.vertcat(i.V, j.V)
 
 
-def _unknowns(pair: JointRows, *more: ca.SX) -> ca.SX:
+def _stack_unknowns(pair: JointRows, *more: ca.SX) -> ca.SX:
     """Return the inputs z of an element of two bodies: (p, u) of both, then ``more``, then the time."""
     return ca.vertcat(pair.i.p, pair.i.u, pair.j.p, pair.j.u, *more, pair.t)
 
 
-def _accelerations(pair: JointRows) -> ca.SX:
+def _stack_accelerations(pair: JointRows) -> ca.SX:
     """Return the inputs w of an element of two bodies: u_dot of both."""
     return ca.vertcat(pair.i.u_dot, pair.j.u_dot)

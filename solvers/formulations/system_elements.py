@@ -20,7 +20,7 @@ from .tracing import make_user_element
 
 
 class PairEnds(NamedTuple):
-    """Indices of the inputs (p, u), u_dot and time of two-body parts, and of outputs, -1 on the ground."""
+    """Indices of the inputs (p, u), u_dot and time of two-body elements, and of their outputs, -1 on the ground."""
 
     z: Int[np.ndarray, "m n_z"]
     w: Int[np.ndarray, "m 12"]
@@ -31,7 +31,7 @@ class PairEnds(NamedTuple):
 
 
 class KindRows(NamedTuple):
-    """All joints of one kind: their bodies, their rows of phi, their numbers and their inputs."""
+    """All joints of one kind: their bodies, the indices of their rows of phi, their parameters and their inputs."""
 
     kind: str
     i: Int[np.ndarray, " m"]
@@ -94,7 +94,7 @@ def make_force_batches(layout: Layout, *, in_chart: bool = True) -> list[Batch]:
 
 
 def iterate_joint_kinds(layout: Layout) -> Iterator[KindRows]:
-    """Yield the joints of the system by kind, each with its constraint rows, numbers and input indices."""
+    """Yield the joints of each kind that occurs: bodies, row indices, parameters and input indices, together."""
     s = layout.system
     for number, kind in enumerate(KINDS):
         joints = np.flatnonzero(s.joint_sort == number)
@@ -106,9 +106,10 @@ def iterate_joint_kinds(layout: Layout) -> Iterator[KindRows]:
 
 
 def find_jacobian_pattern(layout: Layout) -> tuple[FixedPattern, Int[np.ndarray, " entries"]]:
-    """Return the sparsity pattern of A (k, n_u) of the kept rows, and the nonzero that each entry of a joint goes to.
+    """Return the sparsity pattern of A (k, n_u) of the kept rows, and the index of the nonzero of each joint's entry.
 
-    Entries are those of ``iterate_joint_kinds`` in turn, column by column; -1 for dropped rows and for the ground.
+    Entries are those of all joints, in the order of ``iterate_joint_kinds`` and column by column. The index is -1 for
+    dropped rows and for columns of the ground.
     """
     row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for of in iterate_joint_kinds(layout):
@@ -124,7 +125,7 @@ def find_jacobian_pattern(layout: Layout) -> tuple[FixedPattern, Int[np.ndarray,
 
 
 def index_pair_ends(layout: Layout, i: Int[np.ndarray, " m"], j: Int[np.ndarray, " m"]) -> PairEnds:
-    """Return the indices of the inputs and outputs of parts between bodies ``i`` and ``j``."""
+    """Return the indices of the inputs and outputs of elements between bodies ``i`` and ``j``, one row each."""
     z = np.concatenate((layout.index_bodies(i), layout.index_bodies(j)), axis=1)
     w = np.concatenate((layout.index_velocities(i), layout.index_velocities(j)), axis=1)
     p = np.concatenate([layout.index_bodies(end)[:, : layout.chart.size] for end in (i, j)], axis=1)

@@ -24,10 +24,10 @@ def make_user_element(law: ForceLaw, chart: Any, *, in_chart: bool) -> Element:
     """
     i, j, t = make_moving_body(chart, "i"), make_moving_body(chart, "j"), ca.SX.sym("t")
     x = [(b.pose.r, b.pose.R, b.V[:3], b.V[3:]) for b in (i, j)]
-    r, R, v, Omega = (np.array([_symbols(a) for a in of_both]) for of_both in zip(*x, strict=True))
+    r, R, v, Omega = (np.array([_wrap_entries(a) for a in of_both]) for of_both in zip(*x, strict=True))
     F, T = np.zeros((2, 2, 3), dtype=object)
     law.build_function()(Symbol(t), r[:, :, 0], R, v[:, :, 0], Omega[:, :, 0], F, T)
-    f = [ca.vertcat(_column(F[e]), b.pose.R.T @ _column(T[e])) for e, b in enumerate((i, j))]
+    f = [ca.vertcat(_stack_column(F[e]), b.pose.R.T @ _stack_column(T[e])) for e, b in enumerate((i, j))]
     return make_load_element((i, j), ca.vertcat(*f), ca.SX(0, 1), t, in_chart=in_chart)
 
 
@@ -44,11 +44,11 @@ def refuse_without_expression(system: MultibodySystem, chart: Any) -> str | None
     return None
 
 
-def _symbols(a: ca.SX) -> np.ndarray:
-    """Return the entries of a CasADi matrix as an array of ``Symbol``, the numbers that a user's law computes with."""
+def _wrap_entries(a: ca.SX) -> np.ndarray:
+    """Return the entries of a CasADi matrix as an array of ``Symbol`` of the same shape, which a user's law accepts."""
     return np.array([[Symbol(a[k, c]) for c in range(a.shape[1])] for k in range(a.shape[0])], dtype=object)
 
 
-def _column(a: np.ndarray) -> ca.SX:
+def _stack_column(a: np.ndarray) -> ca.SX:
     """Return an array of symbols and numbers as a CasADi column."""
     return ca.vertcat(*[x.x if isinstance(x, Symbol) else x for x in a])

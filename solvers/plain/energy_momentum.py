@@ -82,9 +82,9 @@ class Step:
         return node, CarriedState(v1 - a.v, F, old.F), F + 0.5 * (old.F - old.F_before)
 
     def average_loads(self, h: float, a: Node, b: Node) -> Float[np.ndarray, " n"]:
-        """Return the mean applied wrenches (n,) in space over a step of ``h`` [s] from ``a`` to ``b``.
+        """Return the mean applied wrenches (n,), in space about C, over a step of ``h`` [s] from ``a`` to ``b``.
 
-        Included are gravity, springs and dampers by discrete gradients, and loads as means of both ends.
+        They are gravity, springs and dampers by discrete gradients, and loads as means of both ends.
         """
         m, s, out = self.mechanism, self.mechanism.system, np.zeros((self.mechanism.nb, 6))
         out[:, :3] = m.mass[:, None] * s.gravity
@@ -109,7 +109,7 @@ class Step:
         return out.ravel()
 
     def turn_to_bodies(self, h: float, a: Node, v_m: np.ndarray, w: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return wrenches ``w`` in space with their torques turned by R_m^-1 = (1 - h/2 hat(Omega_m)) R_0^T."""
+        """Return wrenches ``w`` [space] with their torques multiplied by R_m^-1 = (1 - h/2 hat(Omega_m)) R_0^T."""
         six = w.reshape(-1, 6).copy()
         turned = np.einsum("bji,bj->bi", a.R, six[:, 3:])
         six[:, 3:] = turned - 0.5 * h * np.cross(v_m[:, 3:], turned)

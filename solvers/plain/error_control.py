@@ -29,9 +29,9 @@ class ErrorControl:
         self.counters, self.ended = {"rejected": 0}, (Status.SUCCESS, "")
 
     def choose_step(self, t: float) -> float | None:
-        """Return the step [s] to try at ``t``, at most ``max_step``; the last stretch is taken in two even steps.
+        """Return the step [s] to try at ``t``, at most ``max_step``; a rest of under two steps is halved.
 
-        None at the end, or, with ``ended`` set to STEP_UNDERFLOW, where a step would not advance the time.
+        None at the end, or where a step would not advance the time: ``ended`` is then set to STEP_UNDERFLOW.
         """
         h, left = min(self.h, self.longest), self.t_end - t
         if left <= SHORTEST * t:
@@ -42,9 +42,9 @@ class ErrorControl:
         return left if h >= left * (1.0 - 1e-12) else min(h, 0.5 * left)  # two even steps, not one and a sliver
 
     def accept(self, h: float, result: Any) -> bool:
-        """Decide whether a step of ``h`` [s] is accepted, set the size of the next one, and return the decision.
+        """Return whether a step of ``h`` [s] is accepted, its error at most 1, and set the size of the next one.
 
-        ``result`` is that of the step, with its error over the tolerance as the fourth entry; None where it failed.
+        ``result`` is that of the step, with the error relative to its tolerance as fourth entry; None where it failed.
         """
         error = result[3] if result is not None else np.inf
         if error <= 1.0:
@@ -56,10 +56,10 @@ class ErrorControl:
         return False
 
 
-def scale(a: Node, b: Node, rtol: float) -> Float[np.ndarray, "nb 12"]:
-    """Return the error that ``rtol`` allows for r, theta and v: rtol (1 + |y|), for theta rtol.
+def compute_tolerances(a: Node, b: Node, rtol: float) -> Float[np.ndarray, "nb 12"]:
+    """Return the tolerances (nb, 12) of r [m], theta [rad] and v: rtol (1 + |y|), for theta ``rtol``.
 
-    |y| is the larger of the values at ``a`` and ``b``.
+    |y| is the larger of the values at the ends ``a`` and ``b`` of a step.
     """
     angles = np.zeros_like(a.r)
     return rtol * (1.0 + np.hstack((np.maximum(abs(a.r), abs(b.r)), angles, np.maximum(abs(a.v), abs(b.v)))))

@@ -53,9 +53,9 @@ class Step:
         return node, CarriedState(vdot, vdot, np.zeros_like(lam)), lam
 
     def __call__(self, h: float, x: Node, old: CarriedState) -> tuple[Node, CarriedState, np.ndarray] | None:
-        """Step from node ``x`` over ``h`` [s]; return the end node, the state to carry on, and lam.
+        """Step from node ``x`` over ``h`` [s]; return the end node, the state to carry on, and lam there.
 
-        Newton's method takes S at the present estimate. Return None where it does not converge.
+        Newton's method takes S = A M^-1 A^T at the present estimate. Return None where it does not converge.
         """
         m, t, last = self.mechanism, x.t + h, np.inf
         share = (1.0 - self.alpha_f) / (1.0 - self.alpha_m)

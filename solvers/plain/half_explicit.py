@@ -39,9 +39,9 @@ class Step:
         return node, None, self.mechanism.accelerate(*node)[1]
 
     def __call__(self, h: float, x: Node, carried: None) -> tuple[Node, None, np.ndarray] | None:
-        """Step from node ``x`` over ``h`` [s]; return the end node, None, and the lam of index 1 at the last stage.
+        """Step from node ``x`` over ``h`` [s]; return the projected end node, None, and lam of index 1 before that.
 
-        Return None instead where a body turns by half a turn or more.
+        Return None instead where a body rotates by half a turn or more.
         """
         m, moves, gains = self.mechanism, list[np.ndarray](), list[np.ndarray]()
         theta, stage, rows = np.zeros((m.nb, 3)), x, m.rows(*x)
@@ -68,7 +68,10 @@ class Step:
 
 
 def _theta_dot(theta: Float[np.ndarray, "nb 3"], Omega: Float[np.ndarray, "nb 3"]) -> Float[np.ndarray, "nb 3"]:
-    """Return dexp^-1(theta) Omega, the rate of theta as R_0 exp(theta) turns at Omega [body]."""
+    """Return dexp^-1(theta) Omega, the rate of theta where R_0 exp(theta) rotates at Omega [rad/s, body].
+
+    Below 1e-4 rad its factor is a series.
+    """
     size = np.linalg.norm(theta, axis=1)[:, None]
     half = 0.5 * np.where(size < 1e-4, 1.0, size)
     factor = np.where(size < 1e-4, 1.0 / 12.0 + size**2 / 720.0, (1.0 - half / np.tan(half)) / (2.0 * half) ** 2)

@@ -21,6 +21,7 @@ class Jet:
         return Jet(-self.x, -self.rate, -self.slopes, -self.slope_rates)
 
     def __add__(self, other: Any) -> "Jet":
+        """Return the sum; arrays are left to NumPy, which then adds entry by entry."""
         if isinstance(other, np.ndarray):
             return NotImplemented
         b = jet(other)
@@ -37,6 +38,7 @@ class Jet:
         return jet(other) + -self
 
     def __mul__(self, other: Any) -> "Jet":
+        """Return the product, with derivatives by the product rule."""
         if isinstance(other, np.ndarray):
             return NotImplemented
         a, b = self, jet(other)
@@ -44,6 +46,7 @@ class Jet:
         return Jet(a.x * b.x, a.rate * b.x + a.x * b.rate, a.slopes * b.x + a.x * b.slopes, mixed)
 
     def __truediv__(self, other: Any) -> "Jet":
+        """Return the quotient, as the product with the reciprocal."""
         if isinstance(other, np.ndarray):
             return NotImplemented
         b = jet(other)
@@ -57,7 +60,7 @@ class Jet:
     __radd__, __rmul__ = __add__, __mul__
 
     def apply_function(self, f: float, df: float, ddf: float) -> "Jet":
-        """Return a function of this jet by the chain rule, from the function and its first two derivatives at x."""
+        """Return f(self) by the chain rule, from the values of f and its first two derivatives ``df``, ``ddf`` at x."""
         mixed = df * self.slope_rates + ddf * self.rate * self.slopes
         return Jet(f, df * self.rate, df * self.slopes, mixed)
 
@@ -67,17 +70,20 @@ class Jet:
         return self.apply_function(s, c, -s)
 
     def cos(self) -> "Jet":
-        """Return the cosine."""
+        """Return the cosine; NumPy's ``np.cos`` calls it."""
         s, c = np.sin(self.x), np.cos(self.x)
         return self.apply_function(c, -s, -c)
 
     def sqrt(self) -> "Jet":
-        """Return the square root."""
+        """Return the square root; NumPy's ``np.sqrt`` calls it."""
         root = np.sqrt(self.x)
         return self.apply_function(root, 0.5 / root, -0.25 / root**3)
 
     def arctan2(self, other: Any) -> "Jet":
-        """Return the angle of (other, self), y being self: its differential is (x dy - y dx) / (x^2 + y^2)."""
+        """Return the angle of the point (x, y) = (other, self), for ``np.arctan2(self, other)``.
+
+        Its differential is (x dy - y dx) / (x^2 + y^2).
+        """
         y, x = self, jet(other)
         square = x.x**2 + y.x**2
         slopes, rate = x.x * y.slopes - y.x * x.slopes, x.x * y.rate - y.x * x.rate

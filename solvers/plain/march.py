@@ -31,6 +31,7 @@ class Grid:
     """Fixed steps of ``dt`` [s] up to ``t_end``; one that fails is halved, at most ``most_cuts`` times."""
 
     def __init__(self, t_end: float, dt: float, most_cuts: int = 0) -> None:
+        """List the steps, last one first; a remainder of ``t_end`` is a shorter last step."""
         whole = int(t_end / dt + ROUNDED)
         self.steps_left, self.most_cuts = [(dt, 0)] * whole, most_cuts
         if t_end - whole * dt > ROUNDED * dt:
@@ -38,13 +39,13 @@ class Grid:
         self.counters, self.ended = {"step_cuts": 0}, (Status.SUCCESS, "")
 
     def choose_step(self, t: float) -> float | None:
-        """Return the step [s] to try at ``t``; None at the end, or after a step that failed for good."""
+        """Return the step [s] to try at ``t``; None at the end, or after a step that failed at the last halving."""
         return self.steps_left[-1][0] if self.steps_left and not self.ended[1] else None
 
     def accept(self, h: float, result: Any) -> bool:
-        """Remove the present step from the list, and return whether it is accepted: whether ``result`` is not None.
+        """Remove the present step of ``h`` [s] from the list, and return whether it succeeded: ``result`` is not None.
 
-        A step that failed is replaced by two halves; after ``most_cuts`` halvings ``ended`` is set instead.
+        A step that failed is replaced by two of half the size; after ``most_cuts`` halvings ``ended`` is set instead.
         """
         _, level = self.steps_left.pop()
         if result is not None:
@@ -105,6 +106,6 @@ def march(problem: Problem, control: StepControl, step: Any, pace: Any = None) -
 
 
 def _join_nodes(nodes: list[Any]) -> States:
-    """Return the poses and velocities of ``nodes``."""
+    """Return the poses and velocities of ``nodes`` as ``States``, with time along the first axis."""
     v = np.stack([x.v for x in nodes])
     return States(np.stack([x.r for x in nodes]), np.stack([x.R for x in nodes]), v[:, :, :3], v[:, :, 3:])

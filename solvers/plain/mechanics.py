@@ -43,14 +43,17 @@ class Mechanism:
         self.J_inv = np.linalg.inv(self.J)
 
     def momentum(self, R: Float[np.ndarray, "nb 3 3"], v: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, " n"]:
-        """Return script-A p of Eq. (70): (m r_dot, R J Omega) of each body, Eq. (61)."""
+        """Return the momenta in space, script-A p of Eq. (70): (m r_dot, R J Omega) of each body, Eq. (61)."""
         spin = np.einsum("bij,bjk,bk->bi", R, self.J, v[:, 3:])
         return np.concatenate((self.mass[:, None] * v[:, :3], spin), axis=1).ravel()
 
     def rows(
         self, t: float, r: Float[np.ndarray, "nb 3"], R: Float[np.ndarray, "nb 3 3"], v: Float[np.ndarray, "nb 6"]
     ) -> Rows:
-        """Return all constraint rows of the mechanism at time ``t`` [s], poses and velocities, joint by joint."""
+        """Return all constraint rows at time ``t`` [s], poses and velocities, from the declarations of joints.
+
+        A nonholonomic row has phi = 0, and its phi_dot is the declared velocity.
+        """
         n, nr = 6 * self.nb, self.nr
         D, D_dot = np.zeros((2, n, nr))
         out = Rows(np.zeros(nr), np.zeros(nr), D, D_dot, np.zeros((nr, n)), np.zeros(nr))
@@ -60,7 +63,7 @@ class Mechanism:
             declared = DECLARED[self.system.joint_kind(k)]
             along = np.eye(DIRECTIONS)[-1]
             driven = Jet(f[0, k], f_dot[0, k], f_dot[0, k] * along, f_ddot[0, k] * along)
-            numbers = self._collect_numbers(k, driven if declared.motion else 0.0)
+            numbers = self._collect_parameters(k, driven if declared.motion else 0.0)
             i, j = (
                 REST if b == GROUND else _make_pose_by_displacement(r[b], R[b], v[b], end) for end, b in enumerate(ends)
             )
@@ -86,7 +89,10 @@ class Mechanism:
     def loads(
         self, t: float, r: Float[np.ndarray, "nb 3"], R: Float[np.ndarray, "nb 3 3"], v: Float[np.ndarray, "nb 6"]
     ) -> Float[np.ndarray, "nb 6"]:
-        """Return the applied wrench on each body, in space: gravity, all declared kinds of forces, user forces."""
+        """Return the applied wrench (force [N], torque about C [N m]) on each body, in space.
+
+        It is the sum of gravity, all declared kinds of forces, and user forces.
+        """
         s = self.system
         out = np.zeros((self.nb, 6))
         out[:, :3] = self.mass[:, None] * s.gravity
@@ -113,7 +119,10 @@ class Mechanism:
         v: Float[np.ndarray, "nb 6"],
         c: Float[np.ndarray, "nr n"],
     ) -> Float[np.ndarray, "2 nr"]:
-        """Return c . df/dv c and c . df/dq c of each row, f the loads of springs, torques in body frames, Eq. (32)."""
+        """Return c . df/dv c and c . df/dq c of Eq. (32) for each row of ``c``, with f the wrenches of springs.
+
+        Torques in f are in the frames of the bodies. Derivatives are those of jets along c.
+        """
         out = np.zeros((2, len(c)))
         for row, one in enumerate(c):
             by_rate, by_pose = [REST], [REST]  # bodies that are faster, and displaced, along c
@@ -130,7 +139,7 @@ class Mechanism:
         return out
 
     def load(self, k: int, t: float, r: Float[np.ndarray, " 3"], R: Float[np.ndarray, "3 3"]) -> PointLoad:
-        """Return force, torque and point of the declared load ``k`` at ``t`` [s] and its body's pose, in space."""
+        """Return force, torque and point of load ``k`` in space, at ``t`` [s] and its body's position and rotation."""
         s = self.system
         numbers = {name: getattr(s, f"load_{name}")[k] for name in forces.DECLARED["load"].numbers}
         numbers["factor"] = time_functions.evaluate_functions(numbers["factor"][None], np.array([t]))[0][0, 0]
@@ -138,9 +147,9 @@ class Mechanism:
         return forces.DECLARED["load"].push(pose, REST, SimpleNamespace(**numbers))
 
     def _list_forces(self, kind: str, t: float, poses: list[Pose]) -> Iterator[tuple[int, Any, Any]]:
-        """Yield the body, the force and its moment about C, in space, of each force of a kind on each of its bodies.
+        """Yield (body, force, moment about C), in space, for each body on which a declared force of this ``kind`` acts.
 
-        ``poses`` are those of all bodies, then of the ground.
+        ``poses`` are those of all bodies, then of the ground, which is left out.
         """
         s, declared = self.system, forces.DECLARED[kind]
         bodies_i = getattr(s, f"{kind}_i")
@@ -155,7 +164,7 @@ class Mechanism:
                     yield b, sign * push.force, sign * (push.torque + cross(push.point - poses[b].r, push.force))
 
     def forces(self, t: float, r: np.ndarray, R: np.ndarray, v: np.ndarray) -> Float[np.ndarray, " n"]:
-        """Return f of M v_dot = f + A^T lam: applied wrenches less Omega x J Omega, torques in body frames."""
+        """Return f of M v_dot = f + A^T lam: applied wrenches less Omega x J Omega, torques in the body frames."""
         f = self.turn_to_bodies(R, self.loads(t, r, R, v).ravel()).reshape(-1, 6)
         f[:, 3:] -= np.cross(v[:, 3:], np.einsum("bij,bj->bi", self.J, v[:, 3:]))
         return f.ravel()
@@ -187,8 +196,8 @@ class Mechanism:
         six = w.reshape(-1, 6)
         return np.hstack((six[:, :3], np.einsum("bji,bj->bi", R, six[:, 3:]))).ravel()
 
-    def _collect_numbers(self, k: int, f: Any) -> Numbers:
-        """Return the numbers of joint ``k`` by name, with the value ``f`` of its function of time."""
+    def _collect_parameters(self, k: int, f: Any) -> Numbers:
+        """Return the parameters of joint ``k`` by name, with the value ``f`` of its function of time."""
         s = self.system
         return Numbers(
             s.joint_s_i[k], s.joint_s_j[k], s.joint_u[k], s.joint_w[k], s.joint_n[k], float(s.joint_length[k]), f
@@ -208,15 +217,15 @@ def move(
 
 
 def _make_jets(x: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Return the numbers ``x`` as an array of jets whose rates are ``rate``."""
+    """Return the array ``x`` as jets with the rates ``rate``, without slopes."""
     found = [Jet(a, b) for a, b in zip(x.ravel(), rate.ravel(), strict=True)]
     return np.array(found, dtype=object).reshape(x.shape)
 
 
 def _make_pose_by_displacement(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
-    """Return a pose of jets: rates by the velocities ``v``, slopes by its displacements; for rows that have phi.
+    """Return a body's pose as jets for rows with phi: rates along ``v``, slopes by displacements of the body.
 
-    ``end`` is 0 for body i of a joint, 1 for body j.
+    ``end``, 0 for body i of a joint and 1 for body j, decides the place of its slopes.
     """
     spin = so3.hat(R @ v[3:])
     unit, turn, turn_rate = np.zeros((3, DIRECTIONS)), *np.zeros((2, 3, 3, DIRECTIONS))
@@ -231,9 +240,9 @@ def _make_pose_by_displacement(r: np.ndarray, R: np.ndarray, v: np.ndarray, end:
 
 
 def _make_pose_by_velocity(r: np.ndarray, R: np.ndarray, v: np.ndarray, end: int) -> Pose:
-    """Return a pose of jets: rates by ``v``, slopes by its velocities; for rows that restrict velocities alone.
+    """Return a body's pose as jets for nonholonomic rows: rates along ``v``, slopes by velocities of the body.
 
-    ``end`` is 0 for body i of a joint, 1 for body j.
+    ``end``, 0 for body i of a joint and 1 for body j, decides the place of its slopes.
     """
     omega, unit = R @ v[3:], np.zeros((6, DIRECTIONS))
     unit[:, 6 * end : 6 * end + 6] = np.eye(6)

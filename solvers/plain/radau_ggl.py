@@ -31,7 +31,7 @@ from jaxtyping import Float
 
 from ...harness.mechanics import so3
 from ...harness.mechanics.types import Problem, StepControl, Trajectory
-from .error_control import ErrorControl, scale
+from .error_control import ErrorControl, compute_tolerances
 from .march import Node, begin, march
 from .mechanics import Mechanism, move, solve
 
@@ -106,14 +106,14 @@ class Step:
             return None
         b = Node(x.t + h, *move(x.r, x.R, q[2].reshape(-1, 6)), v[2].reshape(-1, 6))
         e = np.stack((h * v0 + E @ q, h * old.v_dot[2] + E @ (v - v0))).reshape(2, -1, 6)  # (8)
-        error = GAMMA * np.sqrt(np.mean((np.hstack((e[0], e[1])) / scale(x, b, self.rtol)) ** 2))
+        error = GAMMA * np.sqrt(np.mean((np.hstack((e[0], e[1])) / compute_tolerances(x, b, self.rtol)) ** 2))
         return b, CarriedState(v_dot, lam, h), lam[2], float(error)
 
 
 def estimate_further_changes(sizes: list[float]) -> float:
-    """Return the expected sum of all further changes of an iteration, from the ``sizes`` of those so far, by (7).
+    """Return the expected sum of all further changes of an iteration, by (7) from the ``sizes`` of those so far.
 
-    Where Theta >= 1, as at rounding, return the last change itself; infinity before the third change.
+    It is the last change itself where Theta >= 1, as at rounding; infinity before the third change; 0 after a zero.
     """
     if sizes[-1] == 0.0 or len(sizes) < 3:
         return 0.0 if sizes[-1] == 0.0 else np.inf
@@ -122,7 +122,7 @@ def estimate_further_changes(sizes: list[float]) -> float:
 
 
 def find_stage_rates(q: Float[np.ndarray, "3 n"], u: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "3 n"]:
-    """Return q' of the stages at ``q`` for velocities ``u`` of the bodies, (2)."""
+    """Return q' of the three stages at ``q`` for velocities ``u`` = v + z of the bodies, (2)."""
     theta, out = q.reshape(3, -1, 6)[..., 3:], u.reshape(3, -1, 6).copy()
     out[..., 3:] = so3.dexpinv(theta, out[..., 3:])
     return out.reshape(q.shape)

@@ -30,6 +30,7 @@ class Step:
     """
 
     def __init__(self, problem: Problem, tolerance: float, *, discrete: bool = False) -> None:
+        """Set up the equations; unless the system is conservative, the end of a step takes several passes."""
         self.mechanism, self.tolerance, self.discrete = Mechanism(problem.system), tolerance, discrete
         # passes of the fixed point for f(q_1, v_1)
         self.passes = 1 if problem.system.is_conservative else DAMPER_PASSES
@@ -43,7 +44,7 @@ class Step:
     def __call__(self, h: float, a: Node, carried: None) -> tuple[Node, None, np.ndarray] | None:
         """Step from node ``a`` over ``h`` [s]; return the end node, None, and the reaction of index 1 there.
 
-        Return None instead where phi does not converge to the tolerance.
+        Return None instead where phi does not converge to ``tolerance``.
         """
         m, t = self.mechanism, a.t + h
         rows, f = m.rows(*a), m.turn_to_bodies(a.R, m.loads(*a).ravel())
@@ -81,9 +82,9 @@ class Step:
 
 
 def turn_freely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return R and the angular momentum L, in the body, of a body of inertia J after free rotation for ``h`` [s].
+    """Return R and the angular momentum L [body frame] of a body of inertia ``J`` after free rotation for ``h`` [s].
 
-    The rotation is exact for a body with two equal principal inertias, else a splitting.
+    The rotation is exact for two equal principal inertias, else a symmetric splitting of second order.
     """
     diagonal = np.array_equal(J, np.diag(np.diag(J)))
     values, Q = (np.diag(J), np.eye(3)) if diagonal else np.linalg.eigh(J)
@@ -93,30 +94,31 @@ def turn_freely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tuple[
     R, L = R @ Q, Q.T @ L
     rate = 1.0 / values - 1.0 / values[2]
     rate[np.abs(rate) * values[2] < EQUAL] = 0.0
-    for axis, share in ((1, 0.5), (-1, 1.0), (0, 1.0), (1, 0.5)):
+    for axis, fraction in ((1, 0.5), (-1, 1.0), (0, 1.0), (1, 0.5)):
         if axis < 0:
             R = R @ so3.exp(h * L / values[2])
         else:
-            turn = so3.exp(share * h * rate[axis] * L[axis] * np.eye(3)[axis])
+            turn = so3.exp(fraction * h * rate[axis] * L[axis] * np.eye(3)[axis])
             R, L = R @ turn, turn.T @ L
     return R @ Q.T, Q @ L
 
 
 def turn_discretely(J: np.ndarray, h: float, R: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return R F and F^T L after free rotation for ``h`` [s] by the discrete equations of Moser and Veselov.
+    """Return R F and F^T L, orientation and angular momentum [body frame] after free rotation for ``h`` [s].
 
-    hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J, with F by Cayley's map of a vector f.
+    F solves the discrete equations of Moser and Veselov, hat(h L) = F J_d - J_d F^T with J_d = tr(J)/2 - J, as Cayley's
+    map of a vector f, by Newton's method.
     """
     g = h * L
 
-    def off(f: np.ndarray) -> np.ndarray:
-        """Return the residual of the equation for the vector f."""
+    def find_residual(f: np.ndarray) -> np.ndarray:
+        """Return the residual of the equations in terms of the vector ``f``."""
         return g + np.cross(g, f) + (g @ f) * f - 2.0 * J @ f
 
     f = np.zeros(3)
     for _ in range(MOST_ITERATIONS):
         slope = so3.hat(g) + np.outer(f, g) + (g @ f) * np.eye(3) - 2.0 * J
-        change = np.linalg.solve(slope, -off(f))
+        change = np.linalg.solve(slope, -find_residual(f))
         f = f + change
         if np.max(np.abs(change)) < 1e-15:
             break

@@ -22,7 +22,7 @@ from scipy.integrate import DOP853, RK45
 
 from ...harness.mechanics import so3
 from ...harness.mechanics.types import Problem, StepControl, Trajectory
-from .error_control import ErrorControl, scale
+from .error_control import ErrorControl, compute_tolerances
 from .march import Node, begin, march
 from .mechanics import Mechanism, move, solve
 
@@ -58,7 +58,7 @@ class Step:
     def evaluate_slope(
         self, x: Node, theta: Float[np.ndarray, "nb 3"]
     ) -> tuple[Float[np.ndarray, "nb 12"], np.ndarray]:
-        """Return the slope (q', v') and the multipliers lam of a stage ``x`` with rotation vector ``theta``."""
+        """Return the slope (q', v') and the multipliers lam at a stage ``x`` with rotation vectors ``theta``."""
         v_dot, lam = self.mechanism.accelerate(*x)  # (3)
         self.counters["evaluations"] += 1
         return np.hstack((x.v[:, :3], so3.dexpinv(theta, x.v[:, 3:]), v_dot.reshape(-1, 6))), lam  # (2)
@@ -66,7 +66,7 @@ class Step:
     def __call__(self, h: float, x: Node, first: np.ndarray) -> tuple[Node, np.ndarray, np.ndarray, float]:
         """Step from ``x``, whose slope is ``first``, over ``h`` [s]; return end node, slope to carry on, lam, error.
 
-        lam is that before the projection (5); the error (4) is over its tolerance.
+        lam is that before the projection (5); the error (4) is relative to its tolerance.
         """
         m, slopes, end, lam = self.mechanism, [first], x, np.zeros(0)
         for c, a in zip(self.pair.c[1:], self.pair.a[1:], strict=True):
@@ -83,11 +83,11 @@ class Step:
         return Node(end.t, r, R, v), np.hstack((v, slopes[-1][:, 6:])), lam, error
 
     def measure_error(self, errors: list[np.ndarray], x: Node, end: Node) -> float:
-        """Return a step's error over its tolerance: the root mean square of one estimate.
+        """Return the error of a step relative to its tolerance: the root mean square of one estimate.
 
         For two estimates e5, e3 it is |e5|^2 / sqrt(|e5|^2 + 0.01 |e3|^2), with norms by the root mean square.
         """
-        squares = [float(np.mean((e / scale(x, end, self.rtol)) ** 2)) for e in errors]
+        squares = [float(np.mean((e / compute_tolerances(x, end, self.rtol)) ** 2)) for e in errors]
         if len(squares) == 1 or squares == [0.0, 0.0]:
             return float(np.sqrt(squares[0]))
         return squares[0] / float(np.sqrt(squares[0] + 0.01 * squares[1]))

@@ -17,6 +17,7 @@ def bases(bundles):
     return {name: cut_run(bundles["lossless"], where) for name, where in BASES.items()}
 
 
+@pytest.mark.sampled(0)
 def test_every_field_has_its_row(bundles):
     """A new column, key or number without a row in the table fails here."""
     files = bundles["lossless"]
@@ -31,6 +32,7 @@ def test_every_field_has_its_row(bundles):
     assert all(row.changes or row.undecided for rows in TABLE.values() for row in rows.values())
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", ["thin", "lossless"])
 def test_honest_bundles_agree_and_what_weakens_them_is_said(bundles, tmp_path, kind):
     """Runs that end in every way, and each run by itself."""
@@ -52,6 +54,7 @@ def choose_one_a_field(cases):
     return [own[k % len(own)] for k, own in enumerate(by_field.values())]
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["one a field", "all"])
 @pytest.mark.parametrize("part", [*TABLE, "peaks", "series", "scene"])
 def test_every_change_that_a_bundle_decides_is_found(bases, tmp_path, part, every):

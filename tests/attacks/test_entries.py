@@ -138,6 +138,7 @@ def check_bad_files(made, ranked, kinds):
         assert first and "\n" not in first and "Traceback" not in first, (what, first)
 
 
+@pytest.mark.sampled(0)
 def test_bad_files_are_bad_rows(made, ranked):
     """Of all kinds at once."""
     check_bad_files(made, ranked, BAD)

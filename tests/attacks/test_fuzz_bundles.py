@@ -26,6 +26,7 @@ def change(files: dict[str, bytes], random: np.random.Generator) -> dict[str, by
     return files | {name: mutate(files[name], random)}
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("reader", ["checker", "ladder"])
 def test_mutated_bundles_end_in_words(bundles, tmp_path, reader):
     """Exit code 0, 1 or 2, nothing else."""

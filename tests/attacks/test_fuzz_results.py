@@ -101,6 +101,7 @@ def put(b, where, value):
     return b
 
 
+@pytest.mark.sampled(0)
 def test_mutated_results_are_read_named_or_set_aside(folder, tmp_path):
     """No traceback, whatever command reads them."""
     tally, copy = Tally("results folders"), tmp_path / "copy"

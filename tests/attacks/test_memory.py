@@ -128,10 +128,11 @@ ATTACKS = (share_anonymous, share_named, share_unnamed, children_of_their_own, c
 @pytest.fixture(autouse=True)
 def limited():
     """Skip where nothing is limited."""
-    if isolation.describe_lacking():
+    if isolation.describe_missing_protection():
         pytest.skip("memory is limited on Linux alone")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("attack", ATTACKS, ids=lambda a: a.__name__)
 def test_memory_beyond_the_limit_ends_it_with_all_that_it_started(attack):
     """At the next look, not when its time is over."""

@@ -60,6 +60,7 @@ def forge(true, folder, text):
     return out, jobs
 
 
+@pytest.mark.sampled(0)
 def test_records_of_runs_that_never_began_are_set_aside(true_record, tmp_path, monkeypatch):
     """The suite meets its limit while the first solver works: the successes that it wrote are none, nor later."""
     folder = tmp_path / "run"
@@ -74,6 +75,7 @@ def test_records_of_runs_that_never_began_are_set_aside(true_record, tmp_path, m
     assert len(watcher.ran) == 1 and [r.status for r in again.records] == ["unfinished"]
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("how", ["interrupted", "killed"])
 def test_records_of_runs_that_never_began_are_none_after_ctrl_c_or_a_kill(true_record, tmp_path, monkeypatch, how):
     """The command itself ends, by Ctrl-C or SIGKILL; --resume begins these runs, and counts none as done."""
@@ -131,6 +133,7 @@ def test_results_without_a_list_of_begun_runs_are_read_as_they_are(tmp_path):
     assert watcher.ran == [] and watcher.set_aside == []
 
 
+@pytest.mark.sampled(0)
 def test_a_record_that_another_solver_changes_is_no_result(true_record, tmp_path, monkeypatch):
     """Of a run that is over, with a digest that fits: it is set aside, counted, and done again."""
     text = LIMITED.replace('["forges_records", "exact", "sleeps", "gives_up"]', '["exact", "forges_records"]')
@@ -145,6 +148,7 @@ def test_a_record_that_another_solver_changes_is_no_result(true_record, tmp_path
     assert len(watcher.ran) == 2 and "success" in {r.status for r in again.records}
 
 
+@pytest.mark.sampled(0)
 def test_a_record_of_an_earlier_command_that_changes_is_no_result(true_record, tmp_path, monkeypatch):
     """It was there when the command began; what stands there at its end is another."""
     text = LIMITED.replace('["forges_records", "exact", "sleeps", "gives_up"]', '["exact", "forges_records"]')
@@ -156,6 +160,7 @@ def test_a_record_of_an_earlier_command_that_changes_is_no_result(true_record, t
         run_suite_text(folder, text, 1, plugins=PLUGINS, resume=True)
 
 
+@pytest.mark.sampled(0)
 def test_records_of_other_runs_are_said_at_the_end(true_record, tmp_path, monkeypatch, capsys):
     """Of the rest of a suite, which this command did not ask for: set aside, named, exit code 1."""
     monkeypatch.chdir(tmp_path)

@@ -166,6 +166,7 @@ def test_honest_bundles_agree(bundles, kind):
     assert report.runs == 5 and report.numbers > 100
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", ["thin", "lossless"])
 @pytest.mark.parametrize("change", PLANTED)
 def test_a_planted_change_is_found(bundles, tmp_path, change, kind):
@@ -175,6 +176,7 @@ def test_a_planted_change_is_found(bundles, tmp_path, change, kind):
     assert check(write(tmp_path / "b.zip", files))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", ["inertia", "gravity", "start_Omega", "joint_s_i"])
 def test_a_proved_motion_has_its_closed_form(bundles, tmp_path, number):
     """Elliptic integrals give the nutation of the top that theta functions gave; of other numbers they do not."""
@@ -201,6 +203,7 @@ def test_the_closed_form_and_the_equations_find_another_motion_of_the_same_top(b
     assert by_law - {"reference: pace"} == {"reference: closed form / allowed", "reference: equations"}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", ["thin", "lossless"])
 @pytest.mark.parametrize("quantity", REFERENCES)
 def test_a_forged_number_in_a_reference_is_found(bundles, tmp_path, quantity, kind):
@@ -209,6 +212,7 @@ def test_a_forged_number_in_a_reference_is_found(bundles, tmp_path, quantity, ki
     assert check(write(tmp_path / "b.zip", files))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("column", CELLS)
 def test_a_forged_number_in_the_table_is_found(bundles, tmp_path, column):
     """In each row; a row of another name makes it the table of other records."""
@@ -270,6 +274,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [*HOSTILE, "pickle", "shape", "times", "text", "nan", "duplicate", "link"])
 def test_hostile_files_end_in_one_line(bundles, tmp_path, name):
     files, path = read(bundles["thin"]), tmp_path / "b.zip"

@@ -62,6 +62,7 @@ def forged(bundle, how, **changes):
     return files, record, run
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("how", ["nothing", *MOTIONS])
 def test_the_checker_judges_a_forged_motion_as_the_harness_does(bundle, tmp_path, how):
     """From its states alone; and a success claimed for one that breaks a law is found, by status and reason alone."""

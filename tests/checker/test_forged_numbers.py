@@ -110,6 +110,7 @@ EDITS = {  # what is forged, and what the checker must name
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", EDITS)
 def test_a_forged_number_is_named(bundle, tmp_path, what):
     change, named = EDITS[what]
@@ -125,6 +126,7 @@ DIRECTIONS = {  # factors of joints, and what the checker must name
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", DIRECTIONS)
 def test_directions_have_length_1(hinged, tmp_path, what):
     """Rows of shorter ones would make the same joints, of smaller gaps."""

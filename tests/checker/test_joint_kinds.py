@@ -83,6 +83,7 @@ def system_of(kind, *, ground):
     return (one_joint(kind, ground=ground)[0]) if kind in KINDS else moving_joints(kind, ground=ground)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("ground", [False, True], ids=["two bodies", "ground"])
 @pytest.mark.parametrize("kind", [*KINDS, *MOVING])
 def test_rows_of_every_kind_are_the_library_s(kind, ground):

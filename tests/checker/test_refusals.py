@@ -115,6 +115,7 @@ EDITS = {  # what is edited, and what the checker must name
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", EDITS)
 def test_an_edit_that_turns_a_law_off_is_named(bundle, tmp_path, what):
     change, named = EDITS[what]

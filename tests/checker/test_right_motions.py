@@ -45,6 +45,7 @@ MOTIONS = {  # problem, parameters, solver, options, step
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("what", MOTIONS)
 def test_the_checker_agrees(what, tmp_path):
     problem, parameters, solver, options, step = MOTIONS[what]

@@ -43,6 +43,7 @@ def test_solve_writes_the_promised_file(command, tmp_path):
         assert f["t"][-1] == 1.0 and str(f["message"]) == "reached the end"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("solver", "status", "rows", "by", "words"),
     [
@@ -161,6 +162,7 @@ BAD = [
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("arguments", "words"), BAD, ids=[" ".join(a[:1] + a[-1:]) for a, _ in BAD])
 def test_wrong_calls_are_reported_in_one_line(capsys, monkeypatch, tmp_path, arguments, words):
     monkeypatch.chdir(tmp_path)
@@ -190,6 +192,7 @@ def test_list_names_everything(here):
         assert words in shown[name]
 
 
+@pytest.mark.sampled(0)
 def test_latest_is_the_newest_folder_that_run_named(here, tmp_path):
     """A folder of one's own, or one that other results were merged into, leaves it where it was."""
     (tmp_path / "small.toml").write_text(SUITE.replace(', "raises"', ""))
@@ -242,6 +245,7 @@ energy_drift_max_J = { value = 0.0, upper = 1e-10, reason = "exact" }
 """
 
 
+@pytest.mark.sampled(0)
 def test_run_show_and_gate(here, tmp_path, capsys, monkeypatch):
     """A run, its table, its machine-readable form, and the gate on it: open, then closed by a bound."""
     (tmp_path / "small.toml").write_text(SUITE)
@@ -312,6 +316,7 @@ def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, caps
         )
 
 
+@pytest.mark.sampled(0)
 def test_files_that_cannot_be_used_are_reported_in_one_line(tmp_path, capsys, monkeypatch):
     """Names too long, a file where a folder must be, a folder where a file must be, lists in lists without end."""
     monkeypatch.chdir(tmp_path)

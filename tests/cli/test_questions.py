@@ -71,6 +71,7 @@ def run_here(monkeypatch, capsys, tmp_path):
 PRINTED: dict[str, str] = {}  # by commands that have run: some answer several questions
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "question", [pytest.param(q, id=f"{q['ask']} {q['value']}", marks=marks_of(q)) for q in NUMBERS]
 )

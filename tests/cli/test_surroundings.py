@@ -63,6 +63,7 @@ def test_an_optimised_interpreter_gives_the_same_results(tmp_path):
     assert str(plain) == str(fast) and len(plain) == 5
 
 
+@pytest.mark.sampled(0)
 def test_the_c_locale_of_a_batch_system_changes_nothing(tmp_path):
     """Its encoding has no sparklines: what is printed is UTF-8 all the same."""
     c = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii"}
@@ -72,6 +73,7 @@ def test_the_c_locale_of_a_batch_system_changes_nothing(tmp_path):
     assert done.returncode == 0 and "heavy_top" in done.stdout.decode("utf-8"), done.stderr
 
 
+@pytest.mark.sampled(0)
 def test_a_plugin_that_starts_threads_when_imported(tmp_path, command):
     """A suite's runs are forked from a process that never imports it; ``solve`` says what to do, in a line."""
     (tmp_path / "threaded.py").write_text(THREADED)
@@ -133,6 +135,7 @@ def objects(place, capsys, monkeypatch):
     return call
 
 
+@pytest.mark.sampled(0)
 def test_run(objects):
     """One object at its end: where, how many, how they ended."""
     (said,) = objects("run", "small.toml", "--out", "c")
@@ -168,6 +171,7 @@ def test_others(objects, arguments, code, key):
 ALL_CLOSED = ">&- 2>&- <&-"
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(
     "closed", few(["2>&-", ">&-", "<&-", ALL_CLOSED], lambda closed: closed in ("2>&-", ALL_CLOSED))
 )
@@ -185,6 +189,7 @@ def test_closed_streams_cost_no_run(tmp_path, closed, text, runs):
     assert len(store.load(out).records) == runs
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("command", ["list problems", "show {out}", "run {suite} --dry-run", "list --json"])
 def test_a_reader_that_leaves_is_no_success(place, command):
     """`| head -1`, and a reader that takes nothing: 141, without a word."""

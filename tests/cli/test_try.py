@@ -61,6 +61,7 @@ def order_of_position(found: list[Finding]) -> Finding:
     return line
 
 
+@pytest.mark.sampled(0)
 def test_ten_lines_have_a_certificate_of_their_order_and_a_page(laddered, tmp_path):
     """Second order, as declared; the page has every line, and draws what was observed beside what is declared."""
     found, orders = laddered(SOLVER)
@@ -102,7 +103,7 @@ def test_the_example_passes_with_all_it_is_tried_on_and_a_planted_fault_fails(co
 @pytest.mark.parametrize("solver", ["rattle", "rk45_strong_form"])
 def test_the_runs_are_what_the_certificates_need(solver):
     """Ladders of more than four settings, each symmetry beside a run as it stands, no run twice."""
-    specs = assessment.plan_runs(solver, wall=10.0)
+    specs = assessment.plan_runs(solver, cpu_limit=10.0)
     assert len({s.settings_id for s in specs}) == len(specs)
     for name in assessment.LADDERS:
         assert sum(s.problem == name and s.label == "ladder" and s.solver == solver for s in specs) > 4

@@ -52,6 +52,7 @@ def test_a_success_that_is_far_off_is_false_as_far_as_it_was_compared(bennett):
     assert told(bennett, Status.SUCCESS, lambda t: 1e-3 * t).fault == ""
 
 
+@pytest.mark.sampled(0)
 def test_energy_beside_the_true_one_decides_where_energy_is_kept_alone(bennett):
     """A driven motion that is late by a hundredth of its size has the energy of another instant; a free one has not."""
     problem, sizes = bennett
@@ -75,6 +76,7 @@ def test_loads_of_a_drive_are_read_at_their_time(bennett):
     assert_each(list(found.values()), "<", 1e-6, f"shares of {list(found)}")
 
 
+@pytest.mark.sampled(0)
 def test_falsified_motions_of_a_loop_with_redundant_rows_are_caught(bennett, monkeypatch):
     problem, sizes = bennett
     found = falsified.falsify(sizes, problem)

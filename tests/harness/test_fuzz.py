@@ -22,7 +22,7 @@ from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.suites.spec import make_spec
 from mbsbench.harness.catalogue.suites.suite import load_suite, parse_suite
-from mbsbench.harness.judge.gate.baseline import read_thresholds, write_thresholds
+from mbsbench.harness.judge.gate.baseline import format_thresholds, read_thresholds
 from mbsbench.harness.judge.metrics import measure
 from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start, project
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, assemble
@@ -149,7 +149,7 @@ def test_thresholds_are_read_or_refused_in_a_line(change, tmp_path_factory):
         return
     (bound,) = read.bounds
     assert not bound.holds(math.nan) and not (bound.holds(math.inf) and bound.holds(-math.inf))
-    path.write_text(write_thresholds(read))
+    path.write_text(format_thresholds(read))
     (again,) = read_thresholds(path).bounds
     assert again == bound or math.isnan(bound.value)
 

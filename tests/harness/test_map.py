@@ -136,6 +136,7 @@ def test_each_is_a_screen():
         assert len(re.sub(FENCED, "", text, flags=re.DOTALL).splitlines()) <= 40, title
 
 
+@pytest.mark.sampled(0)
 def test_the_solver_the_joint_and_the_force_move(copy):
     """Laws: free fall, the axis stays, a drag only takes energy; the solver has a digest of its code."""
     force = re.findall(FENCED, SECTIONS["A force"], re.DOTALL)[0]

@@ -83,6 +83,7 @@ def test_every_solver_runs_or_refuses_in_one_line(call, names):
     assert libraries >= 2  # of NumPy and SciPy
 
 
+@pytest.mark.sampled(0)
 def test_the_gate_is_open_for_the_others_only_where_the_package_was_named(call, tmp_path, monkeypatch, capsys):
     """Exit code 1 without the option, or with another name; 0 with it, and the words say for how many."""
     monkeypatch.chdir(tmp_path)
@@ -105,6 +106,7 @@ def test_the_gate_is_open_for_the_others_only_where_the_package_was_named(call, 
     assert plain["open"] and plain["cases"] == 2 and list(plain["not_measured"].values()) == ["scikit-sundae"]
 
 
+@pytest.mark.sampled(0)
 def test_commands_show_the_refusal(call):
     """``solve`` and ``advise`` say in a line how to get it; ``list`` shows every solver."""
     done = call("-m", "mbsbench.cli", "solve", "heavy_top", "ida_index3", "--problem-set", "t_end=0.01")

@@ -75,6 +75,7 @@ def test_the_start_is_consistent(presented: Problem) -> None:
     assert np.max(np.abs(motion.constraint_rate(presented.system, start)), initial=0.0) < 1e-12
 
 
+@pytest.mark.sampled(2)
 def test_the_reference_starts_where_the_problem_does(presented: Problem, known: Reference) -> None:
     """To the rounding of a turn back home, times the rate for velocities."""
     first = known.states(np.zeros(1))[0]
@@ -128,6 +129,7 @@ def test_the_stated_error_grows_from_rounding(presented: Problem, known: Referen
     assert_each(np.diff(e), ">=", 0.0)
 
 
+@pytest.mark.sampled(2)
 def test_observables_do_not_depend_on_the_frame(presented: Problem) -> None:
     """They are taken in the home frame: turning motion and frame together changes nothing but rounding."""
     random = np.random.default_rng(5)

@@ -42,6 +42,7 @@ def upright_rate(p: Problem) -> float:
 SHARES = (0.0, 0.5, -0.9, 0.999, 1.001, 1.5, -4.0)  # of the rate that separates swinging from turning over
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("share", SHARES)
 def test_two_routes_that_know_no_closed_form_agree_within_what_is_stated(share):
     p = bar(share * upright_rate(bar(0.0)))
@@ -102,6 +103,7 @@ def test_a_spring_makes_it_another_problem():
     assert find_hinged_motion(p.system, p.initial, p.t_end) is None and describe_source(p) is Source.COMPUTED
 
 
+@pytest.mark.sampled(0)
 def test_a_long_run_is_compared_to_its_end():
     run = solve(bar(1.0, 60.0), "gauss_joint", dt=2e-3)
     assert run.record.reference_horizon_s == 60.0 and run.record.position_error_max_m < 1e-9

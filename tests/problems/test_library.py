@@ -41,6 +41,7 @@ def test_the_body_of_the_pendulum_does_not_matter() -> None:
     assert abs(thin["P_x"] - thick["P_x"]) < 1e-12
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("windows", "x", "y", "allowed"),
     [(40, 0.180513, 0.983573, 1.5e-6), (2, 0.328458099, 0.944518543, 2e-8), (1, 0.478385058, 0.878150179, 1e-8)],
@@ -57,6 +58,7 @@ def test_the_four_bar_windows_are_the_published_ones(
     assert np.hypot(p["B0_x"] - x, p["B0_y"] - y) < allowed
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("solver", "order"),
     [
@@ -161,6 +163,7 @@ def test_the_reference_is_the_equation_of_the_angle() -> None:
     assert np.max(np.abs(theta)) > 5.0 * theta[0]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "control", "off"),
     [

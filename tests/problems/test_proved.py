@@ -9,7 +9,7 @@ from mpmath import mp, mpf
 from mbsbench import make_problem
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.types import ReferenceKind, classify_reference
-from mbsbench.problems.exact.balls import nearest_rotation, run_in_balls, to_balls
+from mbsbench.problems.exact.balls import find_nearest_rotation, run_in_balls, to_balls
 from mbsbench.problems.exact.one_body import find_pinned_motion
 from mbsbench.problems.exact.pinned_body import PinnedBody, PinnedMotion
 from mbsbench.tests.comparing import assert_each
@@ -33,7 +33,7 @@ CASES = [
 
 @run_in_balls
 def motion_of(body: PinnedBody, start: State) -> PinnedMotion:
-    return find_pinned_motion(body, nearest_rotation(start.R[0]), to_balls(start.Omega[0]))
+    return find_pinned_motion(body, find_nearest_rotation(start.R[0]), to_balls(start.Omega[0]))
 
 
 def sum_series(body: PinnedBody, start: State, t_end: float) -> np.ndarray:
@@ -58,6 +58,7 @@ def sum_series(body: PinnedBody, start: State, t_end: float) -> np.ndarray:
     return R
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "options", "t_end"), CASES)
 def test_the_true_pose_is_within_the_proved_radius(name: str, options: dict, t_end: float) -> None:
     """Before and after the final rounding; the same pose with a moment of inertia off by 1e-11 is far outside."""

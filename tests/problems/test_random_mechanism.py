@@ -5,7 +5,7 @@ import pytest
 
 from mbsbench import State, States, Status, StepControl, independent_rows, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.judge.metrics.measure import _laws
+from mbsbench.harness.judge.metrics.measure import _compute_laws
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
 from mbsbench.harness.reference.computation import compute_reference
 from mbsbench.solvers.formulations.rank import rows_to_keep
@@ -51,7 +51,7 @@ def test_a_hinge_is_judged_alike_at_any_size(size):
         assert len(p.system.axis_rows().row)
         turned = so3.exp(1e-3 * np.arange(9.0).reshape(3, 3))
         apart = State(p.initial.r, p.initial.R @ turned, p.initial.v, p.initial.Omega)
-        shares.append(_laws(p.system, States.one(apart))[3][0] / s)
+        shares.append(_compute_laws(p.system, States.one(apart))[3][0] / s)
     assert shares[1] == pytest.approx(shares[0], rel=1e-6)
 
 

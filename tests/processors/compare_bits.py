@@ -292,7 +292,7 @@ def compile_kernel() -> str:
     q = casadi.SX.sym("q", 6)
     pose = casadi.vertcat(*(casadi.sin(x) * y + casadi.sqrt(x * x + y) / y for x in q.nz for y in q.nz))
     printed = code.print_functions({"pose": ([q], [pose])})
-    return digest([code._compile(printed, code._machine())])
+    return digest([code._compile(printed, code._make_target_machine())])
 
 
 if __name__ == "__main__":

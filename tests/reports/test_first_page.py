@@ -404,6 +404,7 @@ def whole(tmp_path_factory):
     return site.build_report(folder)
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.beyond_core
 @pytest.mark.browser
 @pytest.mark.parametrize(("width", "most"), [(1440, 4 * 900), (412, math.inf)])

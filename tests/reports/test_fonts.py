@@ -63,6 +63,7 @@ def test_the_default_changes_no_setting():
     assert {plain[k] for k in ("legend.fontsize", "xtick.labelsize", "ytick.labelsize")} == {fonts.SIZE * fonts.SMALL}
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("family", BUNDLED)
 def test_text_and_mathematics_are_of_the_family(results, family):
     """Every font in the PDF is of the family, but for single signs that it lacks."""
@@ -75,6 +76,7 @@ def test_text_and_mathematics_are_of_the_family(results, family):
         assert all(name.startswith("DejaVuSans") for name in fonts_in(draw, DEFAULT_FONT))
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(("family", "size"), [("DejaVu Sans", 8.0), ("DejaVu Serif", 6.0), ("STIXGeneral", 11.0)])
 def test_every_text_has_the_size_or_seven_eighths_of_it(results, family, size):
     """In every figure of a folder; legends and their lines grow with the letters."""
@@ -114,7 +116,7 @@ def test_latex_is_the_best_computer_modern_that_is_here(monkeypatch):
 def test_postscript_outlines_are_drawn_and_not_taken_for_truetype(results, tmp_path):
     """A PDF whose TrueType font holds PostScript outlines is none that a printer takes."""
     font = find_font("latex")
-    (file,) = paper.save(laws_of(results), ConfinedPath(tmp_path), "laws", ("pdf",), font)
+    (file,) = paper.save_figure(laws_of(results), ConfinedPath(tmp_path), "laws", ("pdf",), font)
     truetype = b"/FontFile2" in file.read_bytes()
     postscript = Path(font_manager.findfont(font.family)).read_bytes()[:4] == b"OTTO"
     assert truetype != postscript == (b"/Type3" in file.read_bytes())
@@ -140,6 +142,7 @@ def test_a_font_that_is_not_here_is_refused_in_one_line(results, capsys, given, 
     assert not (results.folder / publication.FOLDER).exists()
 
 
+@pytest.mark.sampled(0)
 def test_the_command_draws_in_the_font(results, capsys):
     """The same panels and captions, in another family; the paper's own figures take it as well."""
     for more, place in ((["--only", "lonely"], "publication"), (["--paper", "--only", "fig05"], "paper")):

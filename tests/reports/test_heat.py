@@ -28,7 +28,7 @@ def test_margin_is_the_error_that_is_the_largest_part_of_its_limit():
     """0.03 of 0.1 J is nearer than 0.001 of 0.01 m; the limits are those that runs are judged by."""
     run = StoredRun(make_measured_record("aa01", energy_drift_max_J=0.03, phi_max=1e-3, phi_limit_m=0.01))
     found = find_margin(run)
-    assert found is not None and found.error.law is Law.ENERGY and found.part == pytest.approx(0.3)
+    assert found is not None and found.error.law is Law.ENERGY and found.ratio == pytest.approx(0.3)
     assert found.words == "the energy error is 0.0300 of 0.100 J allowed"
     near = find_margin(StoredRun(make_measured_record("aa02", energy_drift_max_J=0.03, phi_max=5e-3, phi_limit_m=0.01)))
     assert near is not None and near.words == "|phi| is 0.00500 of 0.0100 m allowed"
@@ -44,25 +44,25 @@ def test_a_marginal_error_looks_marginal_and_a_large_one_does_not():
     far = find_margin(StoredRun(make_measured_record("aa02", **broken(Law.ENERGY, 45.0, 9.49, "J"))))
     other = find_margin(StoredRun(make_measured_record("aa03", **broken(Law.START, 1e-9, 1e-12, ""))))
     assert near is not None and far is not None and other is not None
-    assert (near.level, far.level) == (LEVELS.index(1.5), len(LEVELS)) and math.isinf(other.part)
+    assert (near.level, far.level) == (LEVELS.index(1.5), len(LEVELS)) and math.isinf(other.ratio)
 
 
 def test_constraints_count_by_their_limit_or_by_the_share_that_was_judged():
     """Hinges are judged in metres, and recorded with axis rows that have no unit: the length says nothing of them."""
     shared = find_margin(StoredRun(make_measured_record("aa03", phi_max=9e-3, gap_share_max=0.6)))
-    assert shared is not None and shared.words == "|phi| is 0.600 of its limit" and shared.part == pytest.approx(0.6)
+    assert shared is not None and shared.words == "|phi| is 0.600 of its limit" and shared.ratio == pytest.approx(0.6)
     found = find_margin(
         StoredRun(make_measured_record("aa01", phi_max=9e-3, phi_dot_max=0.04, speed_scale_m_per_s=1.0))
     )
     assert found is not None and found.error.law is Law.ENERGY
     fast = find_margin(StoredRun(make_measured_record("aa02", phi_dot_max=0.04, phi_dot_limit_m_per_s=0.05)))
-    assert fast is not None and fast.error.law is Law.CONSTRAINT_RATE and fast.part == pytest.approx(0.8)
+    assert fast is not None and fast.error.law is Law.CONSTRAINT_RATE and fast.ratio == pytest.approx(0.8)
 
 
 def test_a_success_is_never_above_a_limit():
     """Where a record lacks what a wider limit was reckoned from, that law is left out and not shown as broken."""
     found = find_margin(StoredRun(make_measured_record("aa01", phi_max=0.5, phi_limit_m=0.01, energy_drift_max_J=0.01)))
-    assert found is not None and found.error.law is Law.ENERGY and found.part <= 1.0
+    assert found is not None and found.error.law is Law.ENERGY and found.ratio <= 1.0
 
 
 @pytest.fixture

@@ -265,7 +265,7 @@ ELSEWHERE = {
     ),
     "cli/solve.py": ("exists lexists", "the file to write, and whether its name is free"),
     "cli/lab/shadow.py": ("is_file", "a file that the user named"),
-    "cli/check.py": ("glob is_file", "a plugin, and the names beside it"),
+    "cli/check.py": ("glob", "a plugin, and the names beside it"),
     "cli/export.py": ("write_text", "a file that the user named"),
     "cli/gate.py": ("exists read_text write_text", "files that the user named"),
     "cli/judge.py": ("mkdir", "the folder of published verdicts, that the user named"),

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from mbsbench.api import Run as ApiRun
 from mbsbench.cli.__main__ import main
-from mbsbench.cli.solve import summarize
+from mbsbench.cli.solve import summarize_record
 from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimGap, ClaimVerdict, MissingReason
@@ -100,7 +100,7 @@ def test_terminal_and_notebook_tell_the_error_of_the_pages(built, capsys, monkey
     shown = capsys.readouterr().out
     assert main(["show", str(folder), "aa01"]) == 0
     whole = capsys.readouterr().out
-    line = next(x for x in summarize(r) if x.startswith("error "))
+    line = next(x for x in summarize_record(r) if x.startswith("error "))
     said = f"{row.position_error_judged_m:.3e} m, {row.orientation_error_judged_rad:.3e} rad (to {row.judged_to_s:g} s)"
     assert said in line and said in repr(ApiRun(r)) and said in whole
     assert "error to [s]" in shown and "0.0159" in shown and "0.514" not in shown

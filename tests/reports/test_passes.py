@@ -32,6 +32,7 @@ def written_of(page: Path) -> str:
     return (page.parent / "data" / "written.js").read_text(encoding="utf-8").split(" = ")[1].strip("; \n")
 
 
+@pytest.mark.sampled(0)
 def test_the_first_pass_runs_its_part_and_the_second_the_rest_once(tmp_path, capsys):
     """The pages of the first say what is to come, those of the second do not; no run is made twice."""
     write_text(tmp_path / "part.toml", FIRST)

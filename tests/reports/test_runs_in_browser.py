@@ -1,5 +1,7 @@
 """The table of all runs in a browser: it sorts, filters and is paged; cards on a phone."""
 
+import pytest
+
 from mbsbench.harness.base.files import write_text
 from mbsbench.reports import site
 from mbsbench.tests.factories import make_measured_record
@@ -13,6 +15,7 @@ SET = (
 )
 
 
+@pytest.mark.sampled(0)
 def test_thousands_of_runs_are_paged_and_the_address_keeps_the_choice(browser, tmp_path):
     """100 rows a page, few nodes; a filter, an order and a page are in the address and come back with it."""
     for k in range(230):

@@ -193,6 +193,7 @@ def test_a_run_costs_few_bytes(built, pages):
         assert word.startswith("counted: ") or json.dumps(unescape(word), ensure_ascii=False) in meanings, word
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("kind", ["nothing", "one", "only failures"])
 def test_poor_runs_have_a_site_too(tmp_path, kind):
     """No run, no environment, no series: the pages say so and do not fail."""

@@ -64,6 +64,7 @@ def ladder(seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
     return out
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(12))
 def test_a_triangle_has_its_slope_and_covers_nothing(seed):
     """As drawn, in pixels: lines and points lie outside it and its digits, and no two triangles meet."""

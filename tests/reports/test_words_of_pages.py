@@ -9,7 +9,7 @@ from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results.records import format_reasons
 from mbsbench.reports import site
 from mbsbench.reports.model.frontier import find_frontiers, tabulate_costs
-from mbsbench.reports.model.margin import SHARE, describe_break
+from mbsbench.reports.model.margin import SHARE, describe_excess
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.judged.cost import state_cheapest
 from mbsbench.reports.pages.runs.overview import list_false_successes
@@ -69,7 +69,7 @@ def read(page) -> str:
 )
 def test_what_breaks_a_limit_is_a_sentence_with_its_numbers(reason, words):
     """What, by how much, how often the limit, which limit, since when; what has no size says what happened."""
-    assert describe_break(reason) == words
+    assert describe_excess(reason) == words
 
 
 def test_a_card_names_setting_problem_and_time_in_full(built, tmp_path):

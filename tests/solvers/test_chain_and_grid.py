@@ -54,6 +54,7 @@ def test_the_top_row_of_the_grid_keeps_energy_and_reference():
     assert node_error(p, out) < 2e-3
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(
     ("t_end", "passages", "max_turn"),
     [(5.3, 16, 0.0), *(pytest.param(10.0, 32, turn, marks=pytest.mark.slow) for turn in (0.0, 0.005))],

@@ -64,6 +64,7 @@ def change_by_rounding(problem: Problem, seed: int) -> Problem:
     return dataclasses.replace(problem, initial=dataclasses.replace(start, **changed))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("how_many", [FEW, pytest.param(ALL, marks=pytest.mark.slow)], ids=["few", "all"])
 @pytest.mark.parametrize("solver", sorted({c.solver for c in SPECS} & set(solvers())))
 def test_no_frame_and_no_rounding_changes_a_status(solver: str, how_many: Any) -> None:
@@ -80,6 +81,7 @@ def test_no_frame_and_no_rounding_changes_a_status(solver: str, how_many: Any) -
 SHORTER = {"radau_ggl": 0.3, "rkmk_dop853": 0.3}  # [s] of the few frames: error control takes small steps here
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("tilts", "seeds"), [(TILTS[1:4:2], 1), pytest.param(TILTS, 2, marks=pytest.mark.slow)], ids=["few", "all"]
 )

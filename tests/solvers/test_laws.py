@@ -143,6 +143,7 @@ TURNED = [  # solver, options, problem, step, the change of the error allowed
 ]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("solver", "options", "name", "step", "change"), TURNED)
 def test_a_turned_frame_changes_nothing(solver, options, name, step, change):
     """Yaw and an oblique rotation turn gravity, ground points and start; errors stay to what rounding leaves."""
@@ -157,6 +158,7 @@ def test_a_turned_frame_changes_nothing(solver, options, name, step, change):
         assert np.max(np.abs(end - runs[0][2])) < 1e-6
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("solver", ["gc_weak_form", "gc_composed", "gc_extrapolated", *SYMBOLIC])
 def test_reactions_are_those_of_the_exact_motion(solver):
     """The pendulum's pull on its body, m (v_dot - g), is (A^T reaction)_r; index 3 starts with noise in lambda."""

@@ -71,6 +71,7 @@ def name_of(row) -> str:
     return "-".join((solver, *map(str, options.values()), problem))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("row", LADDERS, ids=name_of)
 def test_the_order_is_the_declared_one(row):
     """The last slope of position errors; first steps of error control, grown from 1e-4 s, do not matter.
@@ -198,6 +199,7 @@ TIGHT = [  # solver, options, problem, tolerance, allowed: error [m], phi, A v, 
 ]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("row", TIGHT, ids=name_of)
 def test_a_tight_tolerance_reaches_the_exact_motion(row):
     """Every form and chart has the same exact solution; methods that project hold phi and A v in every step."""

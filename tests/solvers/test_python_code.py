@@ -42,6 +42,7 @@ solve()
 """
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("solver", "place"), SOLVERS.items())
 def test_steps_in_python_are_those_of_machine_code_and_can_be_traced(solver, place):
     """Sums and products are not contracted: roundings of 0.1 m. A traceback goes through march and step."""

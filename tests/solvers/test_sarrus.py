@@ -91,6 +91,7 @@ def test_one_row_is_redundant():
     assert problem.system.nrows == 30 and len(independent_rows(problem.system, problem.initial)) == 29
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "options"),
     [

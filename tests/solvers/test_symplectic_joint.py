@@ -76,6 +76,7 @@ ORDERS = [
 OFTEN = (("heavy_top", 4), ("spherical_pendulum", 2), ("chain", 0), ("bricard", 3), ("spherical_pendulum", 0))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("name", "stages", "dt"), few(ORDERS, lambda case: case[:2] in OFTEN))
 def test_errors_are_of_the_order(name: str, stages: int, dt: float) -> None:
     """2 s of Gauss, 2 of RATTLE (0 stages), on trees, balls and loops; steps above rounding."""
@@ -103,6 +104,7 @@ def test_orders_ten_and_twelve_are_met_on_the_proved_motion(stages: int) -> None
     assert abs(np.log(errors[0] / errors[1]) / np.log(steps[1] / steps[0]) - 2 * stages) < 0.2, errors
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("name", "solver"), diagonal(["heavy_top", "chain", "bricard"], [GAUSS, RATTLE]))
 def test_the_way_back_leads_to_the_start(solver: str, name: str) -> None:
     """Symmetric steps with velocities reversed, to the rounding of their iterations."""
@@ -212,6 +214,7 @@ def chain_out_of_plane(t_end: float) -> Problem:
     return dataclasses.replace(problem, initial=dataclasses.replace(start, Omega=start.Omega + spin))
 
 
+@pytest.mark.sampled(0)
 def test_slender_bars_out_of_plane_leave_rattle_its_order() -> None:
     """Steps at which I - h/2 d2H/dqdp of the bars themselves is singular; without spins they have no solution."""
     problem = chain_out_of_plane(0.44)
@@ -222,6 +225,7 @@ def test_slender_bars_out_of_plane_leave_rattle_its_order() -> None:
         assert abs(orders(errors)[-1] - 2.0) < 0.2, (of, errors)
 
 
+@pytest.mark.sampled(0)
 def test_slender_bars_out_of_plane_go_back() -> None:
     """200 steps and back, with spins about axes, to the rounding of their iterations."""
     problem, dt = chain_out_of_plane(0.4), 2e-3
@@ -277,6 +281,7 @@ def test_pivots_chosen_anew_leave_the_steps_of_whole_code(
     check_pivots_chosen_anew(solver, name, monkeypatch)
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.usefixtures("without_whole_steps")
 @pytest.mark.parametrize(("name", "solver"), diagonal(LOOPS, [GAUSS, RATTLE]))
 def test_pivots_chosen_anew_leave_the_steps(solver: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,6 +311,7 @@ def check_pivots_chosen_anew(solver: str, name: str, monkeypatch: pytest.MonkeyP
 PRESENTED = ({"yaw": 0.7}, {"renumber": 3}, {"mirror": "X"})
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("presented_as", "name", "solver"), diagonal(PRESENTED, ["heavy_top", "four_bar_grid"], [GAUSS, RATTLE])
 )

@@ -53,6 +53,7 @@ def test_closed_forms_satisfy_the_joints_at_every_angle(linkage):
         assert np.max(np.abs(constraint(problem.system, one))) < 1e-13
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "linkage"), diagonal(REDUNDANT, list(LOOPS)))
 def test_a_whole_turn_ends_where_it_began(linkage, name):
     """After the period of the quadrature, with the energy and the rows of the start all the way."""
@@ -67,6 +68,7 @@ def test_a_whole_turn_ends_where_it_began(linkage, name):
     assert np.max(np.abs(constraint(problem.system, out.states))) < (3.0 * off if name in DRIFTING else 1e-4)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", every([name for name in REDUNDANT if takes_code(name)], 3))
 def test_a_whole_turn_by_code_of_the_mechanism_ends_where_it_began(name):
     problem = LOOPS["bennett"].problem("bennett")

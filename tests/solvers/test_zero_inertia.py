@@ -27,6 +27,7 @@ def off(p: Problem, out: Trajectory) -> float:
     return float(np.max(np.abs(out.states.r - reference.states(out.t).r)))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("given", [{}, OTHERWISE])
 @pytest.mark.parametrize(
     ("solver", "size", "allowed"),

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 FOLDER = make_cache_folder("generated", Path(__file__).parent / "__pycache__")
 LARGEST = 1 << 28  # bytes of an object
-MOST = 1 << 29  # bytes of all that are kept: some thousand kernels
+MOST_BYTES = 1 << 29  # bytes of all that are kept: some thousand kernels
 WAIT = 60.0  # [s] for another process to make an object: most take less than five
 LEVEL = 1  # level of optimisation: machine code alone; LLVM's passes gain nothing on tapes
 
@@ -41,7 +41,7 @@ class Code:
 
         A function needs a ``key``, and is called only if no object is kept on disk under it.
         """
-        self._machine = _machine()
+        self._machine = _make_target_machine()
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self._machine)
         self._engine.add_object_file(llvm.ObjectFileRef.from_data(_load_object(ir, key, self._machine)))
         self._engine.finalize_object()
@@ -78,8 +78,8 @@ def print_functions(functions: "Mapping[str, GeneratedFunction | Loop | tuple[Se
     return print_module({k: GeneratedFunction(*f) if isinstance(f, tuple) else f for k, f in functions.items()})
 
 
-def _machine() -> llvm.TargetMachine:
-    """Return LLVM's description of this processor, for which code is made."""
+def _make_target_machine() -> llvm.TargetMachine:
+    """Return LLVM's description of the processor that code is made for, with the address of ``mbsbench_error`` set."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     llvm.add_symbol("mbsbench_error", id(ArithmeticError))  # for code that raises; numba uses the name PyExc_...
@@ -90,7 +90,7 @@ def _machine() -> llvm.TargetMachine:
 
 def is_kept(key: str) -> bool:
     """Return whether an object of code is kept on disk under ``key``, for this processor and version of LLVM."""
-    return _locate_object(key, _machine()).path.exists()
+    return _locate_object(key, _make_target_machine()).path.exists()
 
 
 def _locate_object(key: str, machine: llvm.TargetMachine) -> ConfinedPath:
@@ -101,7 +101,12 @@ def _locate_object(key: str, machine: llvm.TargetMachine) -> ConfinedPath:
 
 
 def _load_object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) -> bytes:
-    """Return the content of the object file of ``ir``, read from disk or made and stored there."""
+    """Return the content of the object file of ``ir``, from the cache on disk if it is there.
+
+    Else ``ir`` is compiled and the object added to the cache, from which the oldest objects are removed when all take
+    more than ``MOST_BYTES``; if the disk cannot be written, it is only returned. If ``ir`` is a function that returns
+    the IR, ``key`` names the object and the function is called only to compile; else the IR itself names it.
+    """
     place = _locate_object(ir if isinstance(ir, str) else key, machine)
     if (content := _read_object(place)) is not None:
         return content
@@ -112,7 +117,7 @@ def _load_object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMach
         with contextlib.suppress(OSError):  # no place to write
             FOLDER.mkdir(parents=True, exist_ok=True)
             place.write(hashlib.sha256(content).digest() + content, durable=False)
-            _remove_oldest(FOLDER, MOST)
+            _remove_oldest(FOLDER, MOST_BYTES)
     return content
 
 
@@ -129,9 +134,10 @@ def _read_object(place: ConfinedPath) -> bytes | None:
 
 @contextlib.contextmanager
 def _lock_object(place: ConfinedPath) -> Iterator[None]:
-    """Keep other processes from making the same object in this context: each object has a byte of one file to lock.
+    """Hold a lock in this context, by which other processes wait until the object at ``place`` is made.
 
-    Where no lock is available, or not within ``WAIT`` [s], both processes make it.
+    Each object has a byte of one file to lock. Without a lock, or if it is not free within ``WAIT`` [s], both processes
+    make the object.
     """
     with contextlib.ExitStack() as held:
         with contextlib.suppress(OSError):

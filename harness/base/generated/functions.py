@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from .tape import Tape, record
+from .tape import Tape, record_operations
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,16 @@ def record_function(function: GeneratedFunction | Loop) -> RecordedTape:
 
 
 def _record_arrays(inputs: list[tuple[str, ca.SX]], outputs: list[tuple[str, ca.SX]]) -> RecordedTape:
-    """Record the operations from ``inputs`` to ``outputs``, each with its kind of access; ValueError if not dense."""
+    """Record the operations that lead from ``inputs`` to ``outputs``, pairs of an access (see ``Array``) and a matrix.
+
+    Raise ValueError for inputs that are not dense symbols.
+    """
     made = ca.Function("f", [x for _, x in inputs], [ca.densify(x) for _, x in outputs])
     tape = Tape()
     numbers = [[tape.input(k, place) for place in range(x.numel())] for k, (_, x) in enumerate(inputs)]
     for (_, x), own in zip(inputs, numbers, strict=True):
         if x.nnz() != len(own):
             raise ValueError(f"inputs are dense symbols (got {x.nnz()} nonzeros of {len(own)})")
-    results = record(tape, made, numbers)
+    results = record_operations(tape, made, numbers)
     read, written = ([Array(how, x.numel()) for how, x in part] for part in (inputs, outputs))
     return RecordedTape(tape, read, written, results)

@@ -50,36 +50,41 @@ class _Printer:
     """The IR of a function and of its parts."""
 
     def __init__(self, name: str, recorded: RecordedTape, loops: bool, callees: dict[str, None]) -> None:
+        """Find the live operations of function ``name``, a loop over elements if ``loops``, and its results' sources.
+
+        Printing adds the external functions that it calls to ``callees``, an ordered set.
+        """
         self._name, self._recorded, self._loops, self._callees = name, recorded, loops, callees
         self._operations = recorded.tape.operations
-        live = find_needed(recorded.tape, [number for result in recorded.results for number in result])
-        self._live = [k for k in live if self._operations[k].name not in ("constant", "input")]
-        defined = set(self._live)
-        self._results = [(k, at, number) for k, of in enumerate(recorded.results) for at, number in enumerate(of)]
-        self._given = [result for result in self._results if result[2] not in defined]  # constants and inputs
-        self._reads = Counter(x for k in self._live for x in self._operations[k][1:])
-        self._reads.update(number for result in recorded.results for number in result)
-        self._slots: dict[int, int] = {}  # place of a number in the array between parts
+        outputs = enumerate(recorded.results)
+        self._results = [(k, place, number) for k, output in outputs for place, number in enumerate(output)]
+        result_numbers = [number for _, _, number in self._results]
+        needed = find_needed(recorded.tape, result_numbers)
+        self._live = [number for number in needed if self._operations[number].name not in ("constant", "input")]
+        computed = set(self._live)
+        self._given = [result for result in self._results if result[2] not in computed]  # constants and inputs
+        self._reads = Counter(operand for number in self._live for operand in self._operations[number][1:])
+        self._reads.update(result_numbers)  # how often each number is read; a result is read once more, when stored
+        self._slots: dict[int, int] = {}  # by number, its index in the array that passes values between parts
 
     def print_lines(self) -> list[str]:
         """Return the lines of IR of the function, preceded by those of its parts if it is long."""
         cuts = range(0, max(1, len(self._live)), PART)
         parts = [self._live[start : start + PART] for start in cuts]
         given = [self._given[start : start + PART] for start in range(0, max(1, len(self._given)), PART)]
-        if max(len(parts), len(given)) > 1:
+        if max(len(parts), len(given)) > 1:  # parts of operations first, then parts that only store given results
             parts, given = [*parts, *([] for _ in given)], [*([] for _ in parts), *given]
         lines: list[str] = []
         calls: list[str] = []
         if len(parts) == 1:
-            calls = list(self._body(parts[0], given[0]))
+            calls = list(self._print_body(parts[0], given[0]))
         else:
-            self._find_slots(parts)
+            self._allocate_slots(parts)
             for k, (part, rest) in enumerate(zip(parts, given, strict=True)):
-                lines += [
-                    f'define internal void @"{self._name}.{k}"({self._parameters()}, i64 %e, ptr %slots) noinline {{'
-                ]
-                lines += [*self._body(part, rest), "  ret void", "}"]
-                calls.append(f'  call void @"{self._name}.{k}"({self._arguments()}, i64 %e, ptr %slots)')
+                name = f'@"{self._name}.{k}"'
+                lines.append(f"define internal void {name}({self._parameters()}, i64 %e, ptr %slots) noinline {{")
+                lines += [*self._print_body(part, rest), "  ret void", "}"]
+                calls.append(f"  call void {name}({self._arguments()}, i64 %e, ptr %slots)")
         return [*lines, *self._print_entry(calls)]
 
     def _print_entry(self, calls: list[str]) -> Iterator[str]:
@@ -127,8 +132,8 @@ class _Printer:
         """Return the declared arguments: arrays of straight-line functions do not overlap, which halves LLVM's time."""
         return self._arguments() if self._loops else self._arguments().replace("ptr", "ptr noalias")
 
-    def _find_slots(self, parts: list[list[int]]) -> None:
-        """Give each number of the tape that a later part reads an element of the array on the stack."""
+    def _allocate_slots(self, parts: list[list[int]]) -> None:
+        """Allocate an element of the array on the stack for each number of the tape that a later part reads."""
         at = {number: k for k, part in enumerate(parts) for number in part}
         for k, part in enumerate(parts):
             for number in part:
@@ -151,10 +156,10 @@ class _Printer:
                     out[number] = products[0]
         return out
 
-    def _body(self, part: list[int], given: list[Result]) -> Iterator[str]:
-        """Return lines of IR for the operations of ``part``, then stores of its slots, of its results and of ``given``.
+    def _print_body(self, part: list[int], given: list[Result]) -> Iterator[str]:
+        """Return the lines of IR that compute ``part``, then store its slots, its results and ``given``.
 
-        ``given`` are results that are constants or inputs.
+        ``given`` are results of the function that are constants or inputs.
         """
         body = _Body(self._recorded, self._slots, self._callees, self._find_fused(part))
         for number in part:
@@ -175,13 +180,14 @@ class _Body:
     def __init__(
         self, recorded: RecordedTape, slots: dict[int, int], callees: dict[str, None], fused: dict[int, int]
     ) -> None:
+        """Start without a line; ``fused`` has the product to contract with a sum (``_Printer._find_fused``)."""
         self.lines: list[str] = []
         self._recorded, self._slots, self._callees, self._fused = recorded, slots, callees, fused
         self._products = set(fused.values())
         self._names: dict[int, str] = {}
         self._truths: dict[int, str] = {}  # numbers that are truth values
-        self._rows: dict[str, str] = {}
-        self._fresh = 0
+        self._rows: dict[str, str] = {}  # addresses of the element's rows, by array or table
+        self._fresh = 0  # number of IR values defined
 
     def write(self, line: str) -> None:
         """Append an indented line of IR."""
@@ -212,12 +218,12 @@ class _Body:
         """Write the computation of the address of an element's entry ``place`` in ``array``; return its name."""
         if array.access == "whole":
             return self.write_address(name, str(place))
-        if array.access in ("blocks", "added_blocks"):
+        if array.access in ("blocks", "added_blocks"):  # the table has the first index of each element's block
             if name not in self._rows:
                 first = self.define(f"load i64, ptr {self.write_address(f'{name}.at', '%e', 'i64')}")
                 self._rows[name] = self.write_address(name, first)
             return self.define(f"getelementptr double, ptr {self._rows[name]}, i64 {place}")
-        table = name if array.access in ("rows", "stored") else f"{name}.at"
+        table = name if array.access in ("rows", "stored") else f"{name}.at"  # rows of values, or of their indices
         if table not in self._rows:
             first = self.define(f"mul nsw i64 %e, {array.size}")
             self._rows[table] = self.write_address(table, first, "double" if table == name else "i64")
@@ -252,9 +258,8 @@ class _Body:
             self._truths[number] = truth
             self._names[number] = self.define(f"uitofp i1 {truth} to double")
         elif name == "if_else_zero":
-            self._names[number] = self.define(
-                f"select i1 {self._write_truth(a)}, double {self.load_number(b)}, double 0.0"
-            )
+            truth = self._write_truth(a)
+            self._names[number] = self.define(f"select i1 {truth}, double {self.load_number(b)}, double 0.0")
         elif name == "sign":
             x = self.load_number(a)
             below = self.define(f"fcmp olt double {x}, 0.0")
@@ -266,7 +271,7 @@ class _Body:
         elif number in self._products:
             return  # written with the sum that reads it
         elif number in self._fused:
-            self._names[number] = self._fuse(name, a, b, self._fused[number])
+            self._names[number] = self._write_fused(name, a, b, self._fused[number])
         elif name in ARITHMETIC:
             self._names[number] = self.define(f"{ARITHMETIC[name]} double {self.load_number(a)}, {self.load_number(b)}")
         else:
@@ -276,10 +281,11 @@ class _Body:
             self._callees[f"{callee}({', '.join('double' for _ in arguments)})"] = None
             self._names[number] = self.define(f"call double {callee}({', '.join(arguments)})")
 
-    def _fuse(self, name: str, a: int, b: int, product: int) -> str:
-        """Write a + b or a - b as one fused multiply-add, with ``product`` the operand to contract; return its name."""
+    def _write_fused(self, name: str, a: int, b: int, product: int) -> str:
+        """Write a + b (``name`` add) or a - b (sub) as a fused multiply-add of operand ``product``; return its name."""
         _, x, y = self._recorded.tape.operations[product]
         first, second, other = self.load_number(x), self.load_number(y), self.load_number(b if product == a else a)
+        # x y - b is fma(x, y, -b), and a - x y is fma(-x, y, a)
         if name == "sub" and product == a:
             other = self.define(f"fneg double {other}")
         elif name == "sub":

@@ -13,7 +13,8 @@ WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "
 def compile_residual() -> Code:
     """Return the code of ``residual``, which copies y and y' to our arrays, runs the program and copies F back.
 
-    Its last argument has the words of ``WORK``. It returns -1 after the deadline, which some calls check.
+    It is a C function as SUNDIALS calls it; its last argument points to the words of ``WORK``. Every ``CHECK_EVERY``
+    calls it checks the deadline, and returns -1 once that is past, else 0.
     """
     loads = []
     for k, name in enumerate(WORK):

@@ -41,7 +41,7 @@ def add_products(
     target: Float[np.ndarray, " m"],
     place: Int[np.ndarray, " n"],
 ) -> Step:
-    """Return a step that adds p[p_table] q[q_table] to ``target``[place], term by term."""
+    """Return a step that adds p[p_table] q[q_table] to ``target``[place], term by term: indices may repeat."""
     tables = [_indices(table) for table in (p_table, q_table, place)]
     return _make_step("add_products", len(place), p, tables[0], q, tables[1], target, tables[2])
 

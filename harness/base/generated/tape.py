@@ -107,10 +107,10 @@ class Tape:
         return struct.unpack("<d", struct.pack("<q", bits))[0] if name == "constant" else None
 
     def apply(self, name: str, a: int, b: int = -1) -> int:
-        """Record operation ``name`` of the numbers ``a``, ``b`` (-1: of one argument); return its number.
+        """Record the operation ``name`` on the numbers ``a`` and ``b``; return the number of its result.
 
-        Operations on constants are evaluated, others simplified where that is exact for finite numbers, and equal ones
-        recorded once.
+        ``b`` is -1 for an operation with one argument. Operations on constants are evaluated, others simplified where
+        that is exact for finite numbers, and equal ones recorded once.
         """
         values = [self.value(x) for x in (a, b) if x >= 0]
         if name in FOLDED and None not in values:
@@ -126,7 +126,7 @@ class Tape:
         return self._record(Operation(name, a, b))
 
     def _simplify(self, name: str, a: int, b: int) -> int | None:
-        """Return the number that an operation equals by algebra (x + 0, x 1, x - x, ...), or None if there is none."""
+        """Return the number that an operation equals by algebra (x + 0, x 1, x - x, ...); None if no rule applies."""
         zero, one = self.zero, self.one
         if name == "neg" and self.operations[a].name == "neg":
             return self.operations[a].a
@@ -156,10 +156,11 @@ class Tape:
         return number
 
 
-def record(tape: Tape, function: ca.Function, inputs: list[list[int]]) -> list[list[int]]:
-    """Record all operations of a CasADi ``function`` on ``tape``; return the numbers of its outputs.
+def record_operations(tape: Tape, function: ca.Function, inputs: list[list[int]]) -> list[list[int]]:
+    """Record all operations of a CasADi ``function`` on ``tape``; return the numbers of its outputs, a list for each.
 
-    ``inputs`` are the numbers of its inputs; outputs are dense. Raises ValueError for an operation without counterpart.
+    ``inputs`` are the numbers of the entries of its inputs, likewise; outputs must be dense. Raise ValueError for an
+    operation without counterpart.
     """
     work: dict[int, int] = {}
     outputs = [[tape.zero] * function.nnz_out(k) for k in range(function.n_out())]

@@ -83,9 +83,9 @@ def list_included(first: SuiteSource) -> list[SuiteSource]:
 def _collect_includes(
     s: SuiteSource, place: Path, above: Sequence[tuple[Path, str]], found: dict[Path, SuiteSource]
 ) -> None:
-    """Add a suite file, whose path is ``place``, to ``found`` after all that it includes.
+    """Add the suite file ``s``, whose path is ``place``, to ``found`` after all that it includes.
 
-    ``above`` are path and name of the files that include it. Raise FileError if it includes one of them.
+    ``above`` has path and name of each file on the way that includes it. Raise FileError if it includes one of these.
     """
     chain = [*above, (place, s.name)]
     for name in s.file.include:

@@ -40,9 +40,9 @@ class RunSpec:
         return _digest(self._settings())
 
     def address(self, code: str) -> str:
-        """Return the run_id: the digest of settings, limits and code, equal only if the result would be.
+        """Return the run_id: the digest of the settings, the limits and ``code``.
 
-        ``code`` is the digest of the code that the result depends on.
+        ``code`` is itself the digest of the code that the result depends on.
         """
         limits = {name: float(getattr(self, name)) for name in ("cpu_limit", "memory", "repeats", "min_time")}
         return _digest({**self._settings(), **limits, "code": code})
@@ -58,7 +58,7 @@ class RunSpec:
         return " ".join([format_name(self.problem, self.parameters), format_name(self.solver, self.options), *words])
 
     def _settings(self) -> dict[str, Any]:
-        """Return all that shapes the motion except the code."""
+        """Return all that shapes the motion except the code, as plain data."""
         return {
             "problem": self.problem,
             "parameters": dict(self.parameters),
@@ -75,10 +75,10 @@ def make_spec(
     control: Mapping[str, Any] | None = None,
     **limits: Any,
 ) -> RunSpec:
-    """Return the run of ``problem``, made by the registry, with a solver; raise ValueError in one line if invalid.
+    """Return the specification of a run of ``problem``, made by the registry, with the solver of this name.
 
-    ``control`` are steps, tolerance and limit of steps by name, as text or numbers; ``limits`` are other fields of
-    ``RunSpec``.
+    ``options`` are those of the solver, ``control`` has step, tolerance and limit on steps by name, all as text or
+    numbers; ``limits`` are other fields of ``RunSpec``. Raise ValueError in one line if any is invalid.
     """
     entry = registry.find_entry("solver", solver, registry.solvers())
     steps = make_step_control(solver, entry.control, problem, control or {})
@@ -87,12 +87,12 @@ def make_spec(
 
 
 def make_step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, Any]) -> StepControl:
-    """Return ``StepControl`` from values by name, as text or numbers; raise ValueError if one is invalid.
+    """Return the ``StepControl`` of the values ``given`` by name, as text or numbers.
 
-    ``kind`` is what controls the solver, ``dt`` or ``rtol``; the other is not taken. The default step is the
-    problem's dt, the default tolerance rtol 1e-8.
+    ``kind`` is what controls the solver, ``dt`` or ``rtol``; by default the problem's dt, or ``DEFAULT_RTOL``. Raise
+    ValueError if a value is invalid or does not go with ``kind``.
     """
-    values = {k: _positive(k, v) for k, v in given.items()}
+    values = {k: _read_positive(k, v) for k, v in given.items()}
     if values.get("rtol", 0.0) >= 1.0:
         raise ValueError(f"rtol must be < 1: it is a share of the motion itself (got {given['rtol']!r})")
     if "dt" in values and "rtol" in values:
@@ -112,8 +112,11 @@ def check_step(dt: float | None, t_end: float) -> None:
         raise ValueError(f"dt = {dt:g} s is longer than the motion, which ends at {t_end:g} s")
 
 
-def _positive(name: str, given: Any) -> Any:
-    """Return ``given``, text or number, as a number > 0, a whole one for ``max_steps``; raise ValueError otherwise."""
+def _read_positive(name: str, given: Any) -> Any:
+    """Return ``given``, the text or number of the value ``name``, as a float > 0, or as an int for ``max_steps``.
+
+    Raise ValueError for anything else.
+    """
     whole = name == "max_steps"
     wanted = "a whole number > 0 that fits 64 bits" if whole else "a finite number > 0"
     try:

@@ -84,10 +84,10 @@ def _build_suite(own: SuiteSource, plugins: tuple[str, ...]) -> Suite:
 def _collect_specs(
     own: SuiteSource, sources: list[SuiteSource], files: tuple[str, ...]
 ) -> tuple[dict[str, RunSpec], dict[str, frozenset[str]], tuple[str, ...]]:
-    """Return the runs of all files by settings_id, the settings_ids of each included suite, and what was not combined.
+    """Return the ``specs`` of all files by settings_id, and the ``parts`` and ``not_combined`` of the ``Suite``.
 
-    The last are the texts of ``Suite.not_combined``. ``files`` are the plugins to load first. Raise FileError if
-    anything is invalid.
+    ``own`` is the suite's file, ``sources`` are all files with ``own`` as the last, ``files`` the plugins to load
+    first. Raise FileError if anything is invalid.
     """
     try:
         for file in files:
@@ -119,7 +119,7 @@ def _resolve_plugins(s: SuiteSource) -> list[str]:
 
 
 def _expand_file(s: SuiteSource, problems: dict[tuple[str, str], Problem]) -> dict[str, RunSpec]:
-    """Return the runs of one file by settings_id; raise FileError, with the group, if one is invalid or declared twice.
+    """Return the runs of one file by settings_id; raise FileError, naming the group, if one is invalid or occurs twice.
 
     ``problems`` keeps the problems made so far, by name and parameters; new ones are added.
     """
@@ -130,7 +130,7 @@ def _expand_file(s: SuiteSource, problems: dict[tuple[str, str], Problem]) -> di
             whole = _add_defaults(group, s.file.defaults)
             if (count := len(specs) + count_runs(whole)) > MOST_RUNS:
                 raise ValueError(f"a suite has at most {MOST_RUNS:,} runs (got {count:,})")
-            for spec in _expand(whole, problems):
+            for spec in _expand_group(whole, problems):
                 if spec.settings_id in specs:
                     raise ValueError(f"{spec.case} is declared twice")
                 specs[spec.settings_id] = spec
@@ -146,18 +146,20 @@ def _add_defaults(group: Group, defaults: Defaults) -> Group:
 
 
 def count_runs(group: Group) -> int:
-    """Count the runs that a group declares, without making any."""
+    """Count the runs that a group declares, without making any problem or run."""
     count = 0
     for name, solver in itertools.product(_as_tuple(group.problem), _as_tuple(group.solver)):
         entry = registry.find_entry("solver", solver, registry.solvers())
         known = registry.find_entry("problem", name, registry.problems()).parameters
         options = _count_tables(group.options, entry.parameters)
-        count += _count_tables(group.parameters, known) * options * _count(_select_control(group, entry), {})
+        count += (
+            _count_tables(group.parameters, known) * options * _count_combinations(_select_control(group, entry), {})
+        )
     return count
 
 
 def _select_control(group: Group, entry: registry.SolverEntry) -> dict[str, Any]:
-    """Return the steps or tolerances of a group that a solver takes; if both are given, those that control it."""
+    """Return those control values of a group that a solver takes; of dt and rtol, if both are given, only its own."""
     control = group.select(*CONTROL)
     if "dt" in control and "rtol" in control:
         for other in ("rtol", "max_step") if entry.control == "dt" else ("dt",):
@@ -166,7 +168,7 @@ def _select_control(group: Group, entry: registry.SolverEntry) -> dict[str, Any]
 
 
 def list_not_combined(group: Group) -> list[str]:
-    """List the solvers of a group together with keys of it that they do not take: "rattle with rtol"."""
+    """Return each solver of a group with each of its keys that the solver does not take, as "rattle with rtol"."""
     solvers = [(name, registry.solvers()[name]) for name in _as_tuple(group.solver)]
     return [
         f"{name} with {key}"
@@ -181,11 +183,11 @@ def _count_tables(given: Tables | None, known: Mapping[str, tuple[Any, Any]]) ->
 
     ``known`` are the parameters of the problem or solver with their defaults.
     """
-    return sum(_count(table, known) for table in (given if isinstance(given, tuple) else (given or {},)))
+    return sum(_count_combinations(table, known) for table in (given if isinstance(given, tuple) else (given or {},)))
 
 
-def _count(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> int:
-    """Count the combinations of values in one table."""
+def _count_combinations(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> int:
+    """Count the combinations of values in one table; ``known`` are the parameters with their defaults."""
     return math.prod(
         _count_sweep(key, value)
         if isinstance(value, dict)
@@ -196,8 +198,12 @@ def _count(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> in
     )
 
 
-def _expand(group: Group, problems: dict[tuple[str, str], Problem]) -> Iterator[RunSpec]:
-    """Yield every run of a group: the product of its problems, parameters, solvers, options and steps."""
+def _expand_group(group: Group, problems: dict[tuple[str, str], Problem]) -> Iterator[RunSpec]:
+    """Yield every run of a group: the product of its problems, parameters, solvers, options and steps.
+
+    ``problems`` keeps the problems made so far, by name and parameters; new ones are added. Raise ValueError for
+    anything invalid.
+    """
     limits = group.select(*LIMITS)
     for key in ("problem", "solver"):
         if getattr(group, key) is None:
@@ -231,15 +237,16 @@ def _make_problem(name: str, parameters: Mapping[str, Any]) -> Problem:
 
 
 def _combine_tables(given: Tables | None, known: Mapping[str, tuple[Any, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield each combination of values in one table, or in several, one after the other."""
+    """Yield each combination of values in one table, or in several in turn; ``known`` is that of ``_combine``."""
     for table in given if isinstance(given, tuple) else (given or {},):
         yield from _combine(table, known)
 
 
 def _combine(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield a dict for each combination of the listed values of a table; raise ValueError for an empty list.
+    """Yield a dict for each combination of the values of a table, in which a value may be a list or a sweep.
 
-    A flat list is one value of a tuple-valued parameter.
+    A flat list is one value of a tuple-valued parameter; ``known`` are the parameters with their defaults. Raise
+    ValueError for an empty list.
     """
     choices = []
     for key, value in given.items():
@@ -268,7 +275,7 @@ def _is_single_value(key: str, value: Any, known: Mapping[str, tuple[Any, Any]])
 
 
 def _count_sweep(key: str, sweep: Mapping[str, Any]) -> int:
-    """Return the number of values of a sweep; raise ValueError if it is not a valid one."""
+    """Return the number of values of the sweep of ``key``; raise ValueError unless it has from, to and per_decade."""
     if sweep.keys() != {"from", "to", "per_decade"} or not all(isinstance(v, int | float) for v in sweep.values()):
         raise ValueError(f"{key} must be a value, a list, or {{ from, to, per_decade }} (got {dict(sweep)})")
     first, last, steps = sweep["from"], sweep["to"], sweep["per_decade"]
@@ -280,12 +287,12 @@ def _count_sweep(key: str, sweep: Mapping[str, Any]) -> int:
 
 
 def _expand_sweep(key: str, sweep: Mapping[str, Any]) -> list[float]:
-    """Return values evenly spaced in their logarithm, ends included, to three digits."""
+    """Return the values of the sweep of ``key``: evenly spaced in the logarithm, ends included, to three digits."""
     count, first = _count_sweep(key, sweep), sweep["from"]
     decades = math.log10(sweep["to"] / first)
     return [float(f"{first * 10.0 ** (decades * k / (count - 1)):.3g}") for k in range(count)]
 
 
 def _as_tuple(names: Names | None) -> tuple[str, ...]:
-    """Return one name, several or none as a tuple."""
+    """Return one name, several or None as a tuple."""
     return (names,) if isinstance(names, str) else names or ()

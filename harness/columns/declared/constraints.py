@@ -11,9 +11,9 @@ from ..numbers import find_largest
 
 
 def find_limit(run: MeasuredMotion, law: Law) -> float | None:
-    """Return the limit of a norm of all rows, |phi| [m] or |phi_dot| [m/s], for its ``law``.
+    """Return the limit of |phi| [m] or of |phi_dot| [m/s], the norm over all rows, by ``law``.
 
-    None where these norms are not judged themselves: with axis rows, several mechanisms or a literal start.
+    None where this norm is not what is judged: with axis rows, several mechanisms or a literal start.
     """
     problem = run.problem
     if problem.literal_start or len(run.series.mechanisms) > 1 or np.any(problem.system.joint_axes):
@@ -22,7 +22,7 @@ def find_limit(run: MeasuredMotion, law: Law) -> float | None:
 
 
 def find_largest_share(run: MeasuredMotion, law: Law) -> float | None:
-    """Return the largest residual of ``law`` over its limit, of the worst mechanism.
+    """Return the ratio of the largest residual of ``law`` to its limit, in the mechanism where it is largest.
 
     None without constraint rows, and for a literal start, which opens the joints.
     """

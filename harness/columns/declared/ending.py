@@ -10,13 +10,16 @@ from ..measured import DECIDED, MeasuredMotion, MeasuredSeries
 
 
 def write_notes(run: MeasuredMotion) -> str:
-    """Return the notes on a run as JSON: those of its solver, of what was measured, and of what is not judged."""
+    """Return the notes on a run as a JSON list: by its solver, on the measured series, and on what is not judged."""
     notes = (*run.trajectory.notes, *run.series.notes, *_list_unjudged(run.series))
     return json.dumps([escape_text(n) for n in notes])
 
 
 def _list_unjudged(m: MeasuredSeries) -> Iterator[str]:
-    """Yield notes on what could not be judged: energy over steps of unknown work, rates at uncertain poses."""
+    """Yield notes on what could not be judged: energy over steps of unknown work, and rates at uncertain poses.
+
+    Rates are the accelerations and reactions of ``Truncation``.
+    """
     n, steps, rates = m.steps_of_unknown_work, len(m.t) - 1, m.truncation
     if n:
         yield f"energy not judged over {n} of {steps} steps: the work done in them is not known"

@@ -11,13 +11,13 @@ QUARTER = 0.25  # of the time: drift is the difference of the means over the fir
 
 
 def average_first_quarter(run: MeasuredMotion) -> float:
-    """Return the time mean of the energy error over the first quarter of the time [J]."""
+    """Return the time mean of the energy error [J] over the first quarter of the recorded time."""
     m, begin = run.series, run.series.t[0]
     return compute_time_mean(m.t, m.energy_error, begin, begin + QUARTER * (m.t[-1] - begin))
 
 
 def average_last_quarter(run: MeasuredMotion) -> float:
-    """Return the time mean of the energy error over the last quarter of the time [J]."""
+    """Return the time mean of the energy error [J] over the last quarter of the recorded time."""
     m, end = run.series, run.series.t[-1]
     return compute_time_mean(m.t, m.energy_error, end - QUARTER * (end - m.t[0]), end)
 

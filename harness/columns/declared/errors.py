@@ -18,30 +18,30 @@ WHOLE = "up to where the reference or the run ends"
 
 
 def where_compared(number: Callable[[MeasuredMotion], Any]) -> Callable[[MeasuredMotion], Any]:
-    """Return the function of a column that is ``number`` where the motion was compared, and None where it was not."""
+    """Return the function of a column: ``number`` of a motion that was compared with the reference, else None."""
     return lambda run: number(run) if run.compared else None
 
 
 def find_error(name: str) -> Callable[[MeasuredMotion], Any]:
-    """Return the function of the largest error of the series ``name`` over the steps that are compared."""
+    """Return the function of a column: the largest error of the series ``name`` over the compared steps."""
     return where_compared(lambda run: find_largest(run.take_compared(name)))
 
 
 def find_last_error(name: str) -> Callable[[MeasuredMotion], Any]:
-    """Return the function of the error of the series ``name`` at the last step that is compared."""
+    """Return the function of a column: the error of the series ``name`` at the last compared step."""
     return where_compared(lambda run: float(run.take_compared(name)[-1]))
 
 
 def find_judged_error(name: str) -> Callable[[MeasuredMotion], Any]:
-    """Return the function of the largest error of the series ``name`` over the steps at which errors are judged."""
+    """Return the function of a column: the largest error of the series ``name`` over the steps that are judged."""
     return where_compared(lambda run: find_largest(run.take_judged(name)))
 
 
 def find_velocity_error(name: str) -> Callable[[MeasuredMotion], Any]:
-    """Return the function of the largest error of the velocities ``name`` over the steps that are compared."""
+    """Return the function of a column: the largest error of the velocities ``name`` over the compared steps."""
 
     def find(run: MeasuredMotion) -> float | None:
-        """Return the error; None where velocities were not compared."""
+        """Return the error [m/s, rad/s]; None for a motion whose velocities were not compared."""
         m = run.series
         known = run.compared and m.velocity_error is not None and m.angular_velocity_error is not None
         return find_largest(run.take_compared(name)) if known else None
@@ -50,15 +50,18 @@ def find_velocity_error(name: str) -> Callable[[MeasuredMotion], Any]:
 
 
 def find_rate_error(run: MeasuredMotion) -> float | None:
-    """Return the largest error of velocities over the steps at which errors are judged; None if not compared."""
+    """Return the largest error of velocities [m/s], rms over a body, over the judged steps; None if not compared."""
     return find_largest(run.take_judged("rate_error")) if run.compared and run.series.rate_error is not None else None
 
 
 def find_accurate_time(level: float) -> Callable[[MeasuredMotion], Any]:
-    """Return the function of the time [s] at which the motion error first passes this share of the length scale."""
+    """Return the function of a column: the time [s] at which the motion error passes ``level`` times the length scale.
+
+    The reference's stated error is allowed in addition.
+    """
 
     def find(run: MeasuredMotion) -> float:
-        """Return the time; that of the last step compared if it never does."""
+        """Return the time [s]; if the error stays below, that of the last compared step."""
         allowed = level * run.series.size.length + run.take_compared("reference_own_error")
         return find_exceeding_time(run.series.t, run.take_compared("motion_error"), allowed)
 
@@ -66,7 +69,7 @@ def find_accurate_time(level: float) -> Callable[[MeasuredMotion], Any]:
 
 
 def write_observable_errors(run: MeasuredMotion) -> str:
-    """Return the largest and last difference of each observable from that of the reference, with its unit, as JSON."""
+    """Return the largest and last difference of each observable from the reference, with its unit, as JSON."""
     m, by_name = run.series, {}
     for o in run.problem.observables:
         away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[: run.compared]
@@ -79,7 +82,7 @@ def write_observable_errors(run: MeasuredMotion) -> str:
 
 
 def write_invariant_drifts(run: MeasuredMotion) -> str:
-    """Return the largest and last departure of each invariant from its start, with start and unit, as JSON."""
+    """Return the largest and last change of each invariant since the start, with its first value and unit, as JSON."""
     by_name = {}
     for i in run.problem.invariants:
         values = run.series.invariants[i.name]
@@ -94,9 +97,9 @@ def write_invariant_drifts(run: MeasuredMotion) -> str:
 
 
 def find_judged_reference_error(record: Any) -> float:
-    """Return the reference's stated error [m] over the time in which errors of a record are judged.
+    """Return the largest stated error [m] of the reference while errors of the run of ``record`` are judged.
 
-    For older records, which have only the error over all time, that is an upper bound.
+    For older records, which have only the error over all time, return an upper bound.
     """
     known, length = float(record.reference_own_error_judged_m), record.length_scale_m
     if not math.isnan(known):
@@ -105,9 +108,9 @@ def find_judged_reference_error(record: Any) -> float:
 
 
 def find_motion_limit(record: Any) -> float:
-    """Return the motion error [m] beyond which a record's run is inaccurate: a tenth of the reach, and what is unknown.
+    """Return the motion error [m] above which the run of ``record`` is inaccurate.
 
-    What is unknown is the stated error of the reference.
+    It is a tenth of the reach plus the reference's stated error, if that is known.
     """
     own = find_judged_reference_error(record)
     return float(ACCURATE["accurate_until_s"] * record.length_scale_m + (0.0 if math.isnan(own) else own))

@@ -14,7 +14,10 @@ NOT_KEPT = "not kept"  # the states of the way back, in a bundle
 
 
 def where_returned(number: Callable[[State, State], float]) -> Callable[[MeasuredMotion], float | None]:
-    """Return the function of a column: ``number`` of the state returned to and the start; None without a way back."""
+    """Return the function of a column: ``number`` of the state after integrating back, and of the start.
+
+    None for a motion that was not integrated back.
+    """
 
     def find(run: MeasuredMotion) -> float | None:
         """Return the number; None if the motion was not integrated back."""

@@ -14,16 +14,19 @@ OWN_WORD = "the solver's own word"
 
 
 def select_whole_steps(run: MeasuredMotion) -> Float[np.ndarray, " n"]:
-    """Return the accepted steps [s] without the last of several, which may be cut to end at t_end."""
+    """Return the sizes of the accepted steps [s] without the last one, which may be cut to end at t_end.
+
+    A single step is returned all the same.
+    """
     dt = np.diff(run.series.t)
     return dt[:-1] if len(dt) > 1 else dt
 
 
-def of_steps(number: Callable[[np.ndarray], float]) -> Callable[[MeasuredMotion], float | None]:
-    """Return the function of a column that is ``number`` of the steps [s]; None for a run without a step."""
+def reduce_steps(number: Callable[[np.ndarray], float]) -> Callable[[MeasuredMotion], float | None]:
+    """Return the function of a column: ``number`` of the sizes of the whole steps [s]; None without a step."""
 
     def find(run: MeasuredMotion) -> float | None:
-        """Return the number of the whole steps."""
+        """Return ``number`` of the whole steps, None without a step."""
         steps = select_whole_steps(run)
         return float(number(steps)) if len(steps) else None
 
@@ -31,10 +34,10 @@ def of_steps(number: Callable[[np.ndarray], float]) -> Callable[[MeasuredMotion]
 
 
 def read_counter(*names: str) -> Callable[[MeasuredMotion], float | None]:
-    """Return the function of a column that is a counter of the solver; of several ``names`` for it the first counts."""
+    """Return the function of a column: the solver's counter under the first of ``names`` that the solver uses."""
 
     def find(run: MeasuredMotion) -> float | None:
-        """Return the count; None if the solver does not count this."""
+        """Return the count; None if the solver has no counter of these names."""
         counters = run.trajectory.counters
         return next((float(counters[name]) for name in names if name in counters), None)
 
@@ -61,14 +64,16 @@ class WorkColumns:
     )
     step_min_s: float = column(
         "smallest accepted step, without the last one, which may be cut to end at t_end",
-        of=of_steps(np.min),
+        of=reduce_steps(np.min),
         head="Step min",
         unit="s",
         order=310,
     )
-    step_median_s: float = column("median accepted step", of=of_steps(np.median), head="median", unit="s", order=320)
-    step_max_s: float = column("largest accepted step", of=of_steps(np.max), head="max", unit="s", order=330)
-    step_ratio: float = column("largest over smallest step", of=of_steps(lambda dt: np.max(dt) / np.min(dt)))
+    step_median_s: float = column(
+        "median accepted step", of=reduce_steps(np.median), head="median", unit="s", order=320
+    )
+    step_max_s: float = column("largest accepted step", of=reduce_steps(np.max), head="max", unit="s", order=330)
+    step_ratio: float = column("largest over smallest step", of=reduce_steps(lambda dt: np.max(dt) / np.min(dt)))
     rejected: float = column(
         "rejected steps, where the solver counts them",
         of=read_counter("rejected", "rejections", "rejected_steps", "cut_backs", "step_cuts", "error_test_failures"),

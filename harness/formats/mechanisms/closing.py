@@ -25,20 +25,27 @@ PINNED = (JointKind.REVOLUTE, JointKind.SPHERICAL, JointKind.UNIVERSAL, JointKin
 
 
 def close_joints(connections: Sequence[Connection]) -> list[Connection]:
-    """Return the joints, with frames in loops moved to fit exactly unless they are open by more than ``OPEN``."""
-    in_loops = _find_looped(connections)
+    """Return the joints; those in loops get frames that fit exactly, unless they are open by more than ``OPEN``.
+
+    Axes of revolute, prismatic and cylindrical joints in loops that are nearly parallel or normal become exactly so.
+    """
+    in_loops = _find_loop_joints(connections)
     out = [_close_connection(c) if k in in_loops else c for k, c in enumerate(connections)]
-    looped = [k for k in sorted(in_loops) if out[k].kind in ONE_AXIS]
-    ways = np.array([out[k].in_child.R @ out[k].axis for k in looped]).reshape(-1, 3)
-    for k, way in zip(looped, _align(ways), strict=True):
+    with_axis = [k for k in sorted(in_loops) if out[k].kind in ONE_AXIS]
+    axes = np.array([out[k].in_child.R @ out[k].axis for k in with_axis]).reshape(-1, 3)  # in space
+    for k, aligned in zip(with_axis, _align_axes(axes), strict=True):
         c = out[k]
-        child, parent = (_align_frame(frame, frame.R @ c.axis, way) for frame in (c.in_child, c.in_parent))
+        child, parent = (_align_frame(frame, frame.R @ c.axis, aligned) for frame in (c.in_child, c.in_parent))
         out[k] = replace(c, in_child=child, in_parent=parent)
     return out
 
 
 def _close_connection(c: Connection) -> Connection:
-    """Return a joint with its two frames, open by rounding, moved to each other; unchanged if closed or wide open."""
+    """Return the joint with its two frames moved halfway to each other, where they differ by rounding.
+
+    A joint that is closed, or open by more than ``OPEN``, is returned unchanged. A distance joint gets the measured
+    length instead; of a universal joint only the child's frame is turned.
+    """
     child, parent = c.in_child, c.in_parent
     gap = child.p - parent.p
     scale = max(1.0, float(np.max(np.abs(child.p))), float(np.max(np.abs(parent.p))))
@@ -50,7 +57,7 @@ def _close_connection(c: Connection) -> Connection:
         gap = gap - axes[1] * (axes[1] @ gap)
     turn = Rotation.from_matrix(parent.R @ child.R.T).as_rotvec()
     between = np.cross(axes[0], axes[1])
-    angle = {
+    angle = {  # [rad] by which the directions that this kind of joint constrains are off; by default that of the axes
         JointKind.SPHERICAL: 0.0,
         JointKind.UNIVERSAL: 0.0,
         JointKind.FIXED: float(np.linalg.norm(turn)),
@@ -58,7 +65,8 @@ def _close_connection(c: Connection) -> Connection:
     }.get(c.kind, float(np.linalg.norm(between)))
     if c.kind is JointKind.UNIVERSAL and c.second is not None:
         angle = abs(float(axes[1] @ (child.R @ c.second)))
-    if np.linalg.norm(gap) > OPEN * scale or angle > OPEN or axes[0] @ axes[1] < 0.0 < angle:
+    opposite = axes[0] @ axes[1] < 0.0 < angle
+    if np.linalg.norm(gap) > OPEN * scale or angle > OPEN or opposite:
         return c
     if np.linalg.norm(gap) > EXACT * scale:
         child, parent = Frame(child.p - 0.5 * gap, child.R), Frame(parent.p + 0.5 * gap, parent.R)
@@ -74,24 +82,30 @@ def _close_connection(c: Connection) -> Connection:
     return replace(c, in_child=_align_frame(child, axes[0], middle), in_parent=_align_frame(parent, axes[1], middle))
 
 
-def _align_frame(frame: Frame, way: np.ndarray, to: np.ndarray) -> Frame:
-    """Return the frame turned as little as possible so that ``way``, a unit vector in space, points along ``to``."""
-    to = to / np.linalg.norm(to)
-    axis = np.cross(way, to)
+def _align_frame(frame: Frame, direction: np.ndarray, target: np.ndarray) -> Frame:
+    """Return the frame turned so that ``direction``, a unit vector in space, points along ``target``.
+
+    It turns as little as possible, and not at all below ``EXACT``.
+    """
+    target = target / np.linalg.norm(target)
+    axis = np.cross(direction, target)
     if np.linalg.norm(axis) <= EXACT:
         return frame
     return Frame(frame.p, Rotation.from_rotvec(axis).as_matrix() @ frame.R)  # the angle is small and equals its sine
 
 
-def _align(ways: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return unit vectors, made exactly parallel or normal to each other where they are so to within ``ALIKE``."""
-    out, means = ways.copy(), list[np.ndarray]()
-    left = list(range(len(ways)))
+def _align_axes(axes: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return unit vectors, made exactly parallel or normal to each other where they are so to within ``ALIKE``.
+
+    Vectors that are parallel are replaced by their mean, with their own signs.
+    """
+    out, means = axes.copy(), list[np.ndarray]()
+    left = list(range(len(axes)))
     while left:
-        first = ways[left[0]]
-        group = [k for k in left if np.linalg.norm(np.cross(ways[k], first)) < ALIKE]
-        signs = np.sign(ways[group] @ first)
-        mean = np.sum(signs[:, None] * ways[group], axis=0)
+        first = axes[left[0]]
+        group = [k for k in left if np.linalg.norm(np.cross(axes[k], first)) < ALIKE]
+        signs = np.sign(axes[group] @ first)
+        mean = np.sum(signs[:, None] * axes[group], axis=0)
         mean /= np.linalg.norm(mean)
         for other in means:
             if abs(mean @ other) < ALIKE:
@@ -103,17 +117,17 @@ def _align(ways: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     return out
 
 
-def _find_looped(connections: Sequence[Connection]) -> set[int]:
-    """Return the indices of the joints in loops: without such a joint its two bodies are still connected."""
+def _find_loop_joints(connections: Sequence[Connection]) -> set[int]:
+    """Return the indices of the joints in loops: those without which their two bodies are still connected."""
     out = set()
     for k, c in enumerate(connections):
-        reached, fresh = {c.child}, [c.child]
-        while fresh:
-            body = fresh.pop()
+        reached, waiting = {c.child}, [c.child]
+        while waiting:
+            body = waiting.pop()
             for other in (o for n, o in enumerate(connections) if n != k and body in (o.child, o.parent)):
                 for end in {other.child, other.parent} - reached:
                     reached.add(end)
-                    fresh.append(end)
+                    waiting.append(end)
         if c.parent in reached:
             out.add(k)
     return out

@@ -30,7 +30,7 @@ from ...mechanics.state import State
 from ...mechanics.system import GROUND, MultibodySystem, RigidBody, SpringDamper, TorsionSpring, assemble
 from ...mechanics.types import Problem
 from .mujoco_bodies import NO_INERTIA, group_bodies
-from .rates import DIGITS, find_gap, follow_rates
+from .rates import DIGITS, complete_velocities, describe_open_joint
 
 T_END = 2.0  # [s] default end of motions, since files have none
 BEHIND = 100.0  # [m] distance behind the body at which springs of slides begin, so that their length stays positive
@@ -66,7 +66,7 @@ class CompiledMechanism(MechanismFile):
 
     @cached_property
     def _joint_choice(self) -> "ConvertedJoints":
-        """The joints of MuJoCo whose springs, dampers and armatures are included."""
+        """The joints of MuJoCo, by number, whose springs, dampers and armatures are included."""
         return find_joints(self.mj, self.model)
 
     def __post_init__(self) -> None:
@@ -75,11 +75,11 @@ class CompiledMechanism(MechanismFile):
 
     @property
     def doc(self) -> str:
-        """The parts of the file that were read, and those that were omitted."""
+        """The source of the problem: the file, MuJoCo's version, locked joints, and what was omitted."""
         return self._describe(f"MuJoCo {self.mj.__version__}{describe_locked_joints(self.locked)}", self.omitted)
 
     def parameters(self) -> dict[str, tuple[Any, Parameter]]:
-        """Return the parameters of its start: MuJoCo's ``qpos`` and ``qvel``, and a keyframe if there is any."""
+        """Return the parameters of the start: MuJoCo's ``qpos`` and ``qvel``, and ``keyframe`` if one has a name."""
         m, keys = self.model, tuple(self.model.key(k).name for k in range(self.model.nkey))
         out: dict[str, tuple[Any, Parameter]] = {
             "qpos": (tuple(map(float, m.qpos0)), Parameter("the start in MuJoCo's coordinates", "m, rad")),
@@ -91,10 +91,12 @@ class CompiledMechanism(MechanismFile):
         return out
 
     def problem(self, **given: Any) -> Problem:
-        """Return the problem from ``qpos`` and ``qvel``, a ``keyframe`` or the file's own start, moved onto its loops.
+        """Return the problem from ``qpos`` and ``qvel`` or a ``keyframe`` in ``given``, or from the file's own start.
 
-        If loops are open by more than printed digits explain, raise ValueError if ``qpos`` was given or velocities are
-        not 0; any other start is moved all the same, and the problem's source says so.
+        ``qpos`` and ``qvel`` that differ from their defaults replace those of the keyframe. Where equality constraints
+        close loops, the start is projected onto them. If they are open by more than printed digits explain, raise
+        ValueError if ``qpos`` was given or velocities are not 0; any other start is moved all the same, and the
+        problem's source says so.
         """
         m, key = self.model, given.get("keyframe", "none")
         start = {"qpos": tuple(map(float, m.qpos0)), "qvel": (0.0,) * m.nv}
@@ -111,22 +113,22 @@ class CompiledMechanism(MechanismFile):
         }
         system, initial = self.system(start["qpos"]), self.state(**start)
         source = self.doc
-        if m.neq and (gap := find_gap(system, initial)):
+        if m.neq and (gap := describe_open_joint(system, initial)):
             if any(start["qvel"]) or start["qpos"] == given.get("qpos") != tuple(map(float, m.qpos0)):
                 raise ValueError(f"{gap}; give qpos that closes its loops")
             source += f"; {gap} and moved onto its loops"
         return Problem(
             self.name,
             system,
-            self._close(system, initial, **start) if m.neq else initial,
+            self._close_loops(system, initial, **start) if m.neq else initial,
             t_end=T_END,
             dt=float(m.opt.timestep),
             section="",
             source=source,
         )
 
-    def _close(self, system: MultibodySystem, given: State, qpos: Any, qvel: Any) -> State:
-        """Return the start ``given`` on its loops: small gaps are closed, and velocities of 0 follow from the others.
+    def _close_loops(self, system: MultibodySystem, given: State, qpos: Any, qvel: Any) -> State:
+        """Return the start ``given`` projected onto its loops; velocities of 0 are replaced by what the others require.
 
         ``qpos`` and ``qvel`` are MuJoCo's coordinates and velocities of that start.
         """
@@ -134,40 +136,43 @@ class CompiledMechanism(MechanismFile):
         speeds = [np.concatenate((s.v.ravel(), s.Omega.ravel())) for s in (given, out)]
         if np.max(np.abs(speeds[1] - speeds[0])) <= max(DIGITS * np.max(np.abs(speeds[0])), START_TOLERANCE):
             return out
-        each = [self.state(qpos, tuple(e)) for e in np.eye(len(rates))]
+        each = [self.state(qpos, tuple(e)) for e in np.eye(len(rates))]  # velocities of bodies by each of ``qvel``
         rows = np.linalg.pinv(np.array([np.column_stack((s.v, s.Omega)).ravel() for s in each]).T)
-        return project(system, follow_rates(system, out, rows, rates, "qvel", DIGITS))
+        return project(system, complete_velocities(system, out, rows, rates, "qvel", DIGITS))
 
     def state(self, qpos: tuple[float, ...], qvel: tuple[float, ...]) -> State:
         """Return the state of the bodies at MuJoCo's coordinates ``qpos`` and velocities ``qvel``."""
         mj, m, d = self.mj, self.model, self._place_model(qpos)
-        r, R = self._poses(d)
+        r, R = self._find_poses(d)
         both = np.zeros((len(r), 2, 3))
         for n, root in enumerate(self.roots):
-            T = np.zeros((2, 3, m.nv))
+            T = np.zeros((2, 3, m.nv))  # Jacobians of the velocity of C and of the angular velocity
             mj.mj_jac(m, d, T[0], T[1], r[n], root)
             both[n] = T @ np.array(qvel)
         return State(r, R, both[:, 0], np.einsum("bji,bj->bi", R, both[:, 1]))
 
     def system(self, qpos: tuple[float, ...] | None = None) -> MultibodySystem:
-        """Return the system with joints at MuJoCo's reference coordinates and springs wound as at ``qpos``."""
+        """Return the system with joints at MuJoCo's reference coordinates and springs wound as at ``qpos``.
+
+        By default ``qpos`` is the reference. Equality constraints and gravity that a flag disables are left out.
+        """
         m, d, off = self.model, self._place_model(self.model.qpos0), self.mj.mjtDisableBit
-        r, R = self._poses(d)
-        at = _BodyFrames(
+        r, R = self._find_poses(d)
+        frames = _BodyFrames(
             np.concatenate((r, np.zeros((1, 3)))), np.concatenate((R, np.eye(3)[None])), d, self._number_bodies()
         )
-        loops = [] if m.opt.disableflags & off.mjDSBL_EQUALITY else self._loops(at)
+        loops = [] if m.opt.disableflags & off.mjDSBL_EQUALITY else self._make_loop_joints(frames)
         weightless = bool(m.opt.disableflags & off.mjDSBL_GRAVITY)
         return assemble(
-            [self._body(n, d, r[n], R[n]) for n in range(len(self.roots))],
-            [j for n in range(len(self.roots)) for j in self._joints(n, at)] + loops,
+            [self._make_body(n, d, r[n], R[n]) for n in range(len(self.roots))],
+            [j for n in range(len(self.roots)) for j in self._make_joints(n, frames)] + loops,
             np.zeros(3) if weightless else np.array(m.opt.gravity),
-            [*self._springs(at), *self._slide_springs(at)],
-            torsions=self._torsions(at, self.model.qpos0 if qpos is None else np.array(qpos)),
+            [*self._make_tendon_springs(frames), *self._make_slide_springs(frames)],
+            torsions=self._make_hinge_springs(frames, self.model.qpos0 if qpos is None else np.array(qpos)),
         )
 
     def _place_model(self, qpos: Any) -> Any:
-        """Return MuJoCo's data with the poses of all bodies at the coordinates ``qpos``."""
+        """Return MuJoCo's data with the poses and centres of mass of all bodies at the coordinates ``qpos``."""
         d = self.mj.MjData(self.model)
         d.qpos[:] = qpos
         self.mj.mj_kinematics(self.model, d)
@@ -179,13 +184,13 @@ class CompiledMechanism(MechanismFile):
         number = {0: GROUND, **{root: n for n, root in enumerate(self.roots)}}
         return [number[int(w)] for w in group_bodies(self.model)]
 
-    def _poses(self, d: Any) -> tuple[Float[np.ndarray, "nb 3"], Float[np.ndarray, "nb 3 3"]]:
-        """Return the centre of mass of each of our bodies [m, space], and its frame, that of its root in MuJoCo."""
+    def _find_poses(self, d: Any) -> tuple[Float[np.ndarray, "nb 3"], Float[np.ndarray, "nb 3 3"]]:
+        """Return the centre of mass of each of our bodies [m, space], and its frame: that of its root in MuJoCo."""
         m, group = self.model, group_bodies(self.model)
         r = [np.average(d.xipos[group == w], axis=0, weights=m.body_mass[group == w]) for w in self.roots]
         return np.array(r).reshape(-1, 3), d.xmat[list(self.roots)].reshape(-1, 3, 3)
 
-    def _body(self, n: int, d: Any, r: np.ndarray, R: np.ndarray) -> RigidBody:
+    def _make_body(self, n: int, d: Any, r: np.ndarray, R: np.ndarray) -> RigidBody:
         """Return our body ``n``, with mass and inertia of MuJoCo's bodies in its group, and armatures of its hinges.
 
         Its centre of mass is ``r`` [m, space], its frame ``R``; ``d`` has the poses of MuJoCo's bodies.
@@ -204,33 +209,32 @@ class CompiledMechanism(MechanismFile):
         J = R.T @ J @ R + armature * np.eye(3)  # about an axis at rest only the inertia about that axis matters
         return RigidBody(float(np.sum(m.body_mass[parts])), 0.5 * (J + J.T), m.body(self.roots[n]).name)
 
-    def _joints(self, n: int, at: "_BodyFrames") -> list[Joint]:
-        """Return the joints that MuJoCo's joints between our body ``n`` and its parent amount to.
+    def _make_joints(self, n: int, frames: "_BodyFrames") -> list[Joint]:
+        """Return the joints that replace MuJoCo's between our body ``n`` and its parent, as listed in the module.
 
-        They are one, or three points on a plane, or none for a free body. Raise ValueError if they amount to no kind of
-        joint here.
+        They are one, or three points on a plane, or none for a free body. Raise ValueError for other combinations.
         """
-        m, d, root = self.model, at.data, self.roots[n]
+        m, d, root = self.model, frames.data, self.roots[n]
         own = range(m.body_jntadr[root], m.body_jntadr[root] + m.body_jntnum[root])
-        letters = "".join("FBSH"[m.jnt_type[k]] for k in own)
+        letters = "".join("FBSH"[m.jnt_type[k]] for k in own)  # free, ball, slide, hinge
         points, axes = [d.xanchor[k] for k in own], [d.xaxis[k] for k in own]
         name = "+".join(m.joint(k).name or m.body(root).name for k in own)
-        parent = at.ours[m.body_parentid[root]]
+        parent = frames.ours[m.body_parentid[root]]
 
-        def make_joint(kind: JointKind, point: np.ndarray, i: Any = None, j: Any = None, across: Any = None) -> Joint:
-            """Return the joint at a point, with axes i and j and a direction across them, all given in space."""
-            here, there = at.make_turn(n), at.make_turn(parent)
+        def make_joint(kind: JointKind, p: np.ndarray, i: Any = None, j: Any = None, across: Any = None) -> Joint:
+            """Return the joint at point ``p`` [m] with axes i and j and a direction across them, all given in space."""
+            to_body, to_parent = frames.make_converter(n), frames.make_converter(parent)
             return Joint(
                 n,
-                at.point(n, point),
+                frames.convert_point(n, p),
                 parent,
-                at.point(parent, point),
-                here(i),
-                there(j),
+                frames.convert_point(parent, p),
+                to_body(i),
+                to_parent(j),
                 name,
                 kind,
-                here(across),
-                there(across),
+                to_body(across),
+                to_parent(across),
             )
 
         one_point = all(np.linalg.norm(p - points[-1]) < NEAR for p in points)
@@ -245,7 +249,7 @@ class CompiledMechanism(MechanismFile):
             case "H":
                 return [make_joint(JointKind.REVOLUTE, points[0], axes[0], axes[0])]
             case "S":
-                return [make_joint(JointKind.PRISMATIC, points[0], axes[0], axes[0], _normal(axes[0]))]
+                return [make_joint(JointKind.PRISMATIC, points[0], axes[0], axes[0], _choose_normal(axes[0]))]
             case "HH" if one_point and along[0] < NEAR:
                 return [make_joint(JointKind.UNIVERSAL, points[0], axes[1], axes[0])]
             case "SH" | "HS" if along[0] > 1.0 - NEAR:
@@ -255,7 +259,7 @@ class CompiledMechanism(MechanismFile):
             case "SSB":
                 return [make_joint(JointKind.ON_PLANE, points[2], None, np.cross(axes[0], axes[1]))]
             case "SSH" if max(along) < NEAR:
-                e = _normal(axes[2])
+                e = _choose_normal(axes[2])
                 corners = (points[2], points[2] + e, points[2] + np.cross(axes[2], e))
                 return [make_joint(JointKind.ON_PLANE, p, None, axes[2]) for p in corners]
         kinds = ", ".join({"F": "free", "B": "ball", "S": "slide", "H": "hinge"}[c] for c in letters)
@@ -264,8 +268,11 @@ class CompiledMechanism(MechanismFile):
             "a body of its own, with mass and inertia, one within the other"
         )
 
-    def _loops(self, at: "_BodyFrames") -> list[Joint]:
-        """Return the joints of active equality constraints, which close loops; raise ValueError for other kinds."""
+    def _make_loop_joints(self, frames: "_BodyFrames") -> list[Joint]:
+        """Return the joints of active equality constraints, which close loops; raise ValueError for other kinds.
+
+        A connect is spherical, two between the same bodies are one revolute joint, a weld is fixed.
+        """
         m, eq = self.model, self.mj.mjtEq
         fixed, points_of = list[Joint](), dict[tuple[int, int], list[Joint]]()
         for k in np.flatnonzero(m.eq_active0):
@@ -278,12 +285,12 @@ class CompiledMechanism(MechanismFile):
                 )
             if m.eq_objtype[k] == int(self.mj.mjtObj.mjOBJ_SITE):
                 bodies, points = [m.site_bodyid[e] for e in ends], [m.site_pos[e] for e in ends]
-                turns = [_matrix(self.mj, m.site_quat[e]) for e in ends]
+                turns = [_convert_quaternion(self.mj, m.site_quat[e]) for e in ends]
             else:
                 weld = kind == eq.mjEQ_WELD
                 bodies, points = list(ends), [data[3:6], data[:3]] if weld else [data[:3], data[3:6]]
-                turns = [_matrix(self.mj, data[6:10]) if weld else np.eye(3), np.eye(3)]
-            sides = [at.end(b, p, q) for b, p, q in zip(bodies, points, turns, strict=True)]
+                turns = [_convert_quaternion(self.mj, data[6:10]) if weld else np.eye(3), np.eye(3)]
+            sides = [frames.convert_end(b, p, q) for b, p, q in zip(bodies, points, turns, strict=True)]
             (i, s_i, R_i), (j, s_j, R_j) = sides[::-1] if sides[0][0] == GROUND else sides
             name = m.equality(k).name or f"loop {k}"
             weld = kind == eq.mjEQ_WELD and data[10] != 0.0  # torquescale: without it no moment acts
@@ -298,61 +305,61 @@ class CompiledMechanism(MechanismFile):
                 points_of.setdefault((i, j), []).append(Joint(i, s_i, j, s_j, name=name))
         return fixed + [joint for same in points_of.values() for joint in _merge_hinges(same)]
 
-    def _springs(self, at: "_BodyFrames") -> list[SpringDamper]:
+    def _make_tendon_springs(self, frames: "_BodyFrames") -> list[SpringDamper]:
         """Return the springs with dampers of tendons that are straight between two bodies."""
         m, out = self.model, []
         for k in filter(lambda k: is_straight_spring(self.mj, m, k), range(m.ntendon)):
             sites = m.wrap_objid[m.tendon_adr[k] : m.tendon_adr[k] + 2]
-            sides = [at.end(m.site_bodyid[s], m.site_pos[s], np.eye(3))[:2] for s in sites]
+            sides = [frames.convert_end(m.site_bodyid[s], m.site_pos[s], np.eye(3))[:2] for s in sites]
             (i, p_i), (j, p_j) = sides[::-1] if sides[0][0] == GROUND else sides
             if i != j:
                 k_c = float(m.tendon_stiffness[k]), float(m.tendon_damping[k])
                 out.append(SpringDamper(i, p_i, j, p_j, k_c[0], float(m.tendon_lengthspring[k, 0]), k_c[1]))
         return out
 
-    def _torsions(self, at: "_BodyFrames", qpos: np.ndarray) -> list[TorsionSpring]:
-        """Return the springs with dampers of hinges, wound as at ``qpos``; 0 is the reference coordinate."""
+    def _make_hinge_springs(self, frames: "_BodyFrames", qpos: np.ndarray) -> list[TorsionSpring]:
+        """Return the torsional springs with dampers of hinges, wound as at ``qpos``; 0 is the reference coordinate."""
         m, out = self.model, []
         for k in sorted({*self._joint_choice.turning_springs, *self._joint_choice.turning_dampers}):
-            n = at.ours[m.jnt_bodyid[k]]
-            parent = at.ours[m.body_parentid[self.roots[n]]]
-            axis = at.data.xaxis[k]
-            across = _normal(axis)
+            n = frames.ours[m.jnt_bodyid[k]]
+            parent = frames.ours[m.body_parentid[self.roots[n]]]
+            axis = frames.data.xaxis[k]
+            across = _choose_normal(axis)
             stiffness = float(m.jnt_stiffness[k]) if k in self._joint_choice.turning_springs else 0.0
             damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._joint_choice.turning_dampers else 0.0
-            here, there = at.make_turn(n), at.make_turn(parent)
+            to_body, to_parent = frames.make_converter(n), frames.make_converter(parent)
             out.append(
                 TorsionSpring(
                     n,
-                    here(across),
+                    to_body(across),
                     parent,
-                    there(axis),
-                    there(across),
+                    to_parent(axis),
+                    to_parent(across),
                     stiffness,
                     self._find_rest(k),
                     damping,
-                    self._turns(k, qpos),
+                    self._count_turns(k, qpos),
                 )
             )
         return out
 
-    def _slide_springs(self, at: "_BodyFrames") -> list[SpringDamper]:
-        """Return the springs with dampers of slides, each from a point of the axis far behind the body."""
+    def _make_slide_springs(self, frames: "_BodyFrames") -> list[SpringDamper]:
+        """Return the springs with dampers of slides, each from a point of the axis far behind the body (``BEHIND``)."""
         m, out = self.model, []
         for k in sorted({*self._joint_choice.sliding_springs, *self._joint_choice.sliding_dampers}):
-            n = at.ours[m.jnt_bodyid[k]]
-            parent = at.ours[m.body_parentid[self.roots[n]]]
+            n = frames.ours[m.jnt_bodyid[k]]
+            parent = frames.ours[m.body_parentid[self.roots[n]]]
             far = BEHIND * (1.0 + abs(self._find_rest(k)))
-            points = [at.data.xanchor[j] for j in range(m.njnt) if m.jnt_bodyid[j] == m.jnt_bodyid[k]]
+            points = [frames.data.xanchor[j] for j in range(m.njnt) if m.jnt_bodyid[j] == m.jnt_bodyid[k]]
             here = points[-1]  # point of the hinge or ball that slides along the axis
-            p_i, p_j = at.point(n, here), at.point(parent, here - far * at.data.xaxis[k])
+            p_i, p_j = frames.convert_point(n, here), frames.convert_point(parent, here - far * frames.data.xaxis[k])
             stiffness = float(m.jnt_stiffness[k]) if k in self._joint_choice.sliding_springs else 0.0
             damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._joint_choice.sliding_dampers else 0.0
             out.append(SpringDamper(n, p_i, parent, p_j, stiffness, far + self._find_rest(k), damping))
         return out
 
-    def _turns(self, k: int, qpos: np.ndarray) -> int:
-        """Return the whole turns, rounded, of hinge ``k`` at ``qpos`` from the rest of its spring."""
+    def _count_turns(self, k: int, qpos: np.ndarray) -> int:
+        """Return by how many turns, rounded, hinge ``k`` at ``qpos`` is wound from the rest of its spring."""
         at = self.model.jnt_qposadr[k]
         return round(float(qpos[at] - self.model.qpos_spring[at]) / (2.0 * np.pi))
 
@@ -363,7 +370,7 @@ class CompiledMechanism(MechanismFile):
 
 
 def describe_locked_joints(joints: int) -> str:
-    """Return the note in a source that says how many joints equal limits fix; empty for none."""
+    """Return the note, for a problem's source, on how many joints are fixed by equal limits; empty for none."""
     return f", joints fixed by equal limits: {joints}" if joints else ""
 
 
@@ -381,9 +388,9 @@ class ConvertedJoints:
 def find_joints(mj: Any, m: Any) -> ConvertedJoints:
     """Return the joints of model ``m`` whose springs, dampers and armatures have a counterpart here.
 
-    They are hinges about an axis that both bodies share, and slides along a line that contains a point of the body. An
-    armature counts if the axis of its hinge is at rest, where it is an inertia of the body. Between moving bodies it is
-    the inertia of a rotor that no rigid body of the file has.
+    They are hinges about an axis that both bodies share, and slides along a line that contains a point of the body.
+    Their springs and dampers must be linear. An armature counts if the axis of its hinge is at rest, where it is an
+    inertia of the body; between moving bodies it is the inertia of a rotor that no rigid body of the file has.
     """
     hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
     turning, sliding, still, group = [], [], [], group_bodies(m)
@@ -397,18 +404,18 @@ def find_joints(mj: Any, m: Any) -> ConvertedJoints:
         elif m.jnt_type[k] == slide and letters in ("S", "SH", "SB", "HS"):
             sliding.append(k)
 
-    def some(joints: list[int], values: np.ndarray, bent: np.ndarray) -> tuple[int, ...]:
-        """Return those of ``joints`` whose value is not zero and has no nonlinear part ``bent``."""
-        return tuple(k for k in joints if values[k] != 0.0 and not np.any(bent[k]))
+    def select_linear(joints: list[int], values: np.ndarray, nonlinear: np.ndarray) -> tuple[int, ...]:
+        """Return those of ``joints`` whose value is not zero and whose ``nonlinear`` coefficients are."""
+        return tuple(k for k in joints if values[k] != 0.0 and not np.any(nonlinear[k]))
 
     first = m.jnt_dofadr
-    damping, bent = m.dof_damping[first], m.dof_dampingpoly[first]
+    damping, nonlinear = m.dof_damping[first], m.dof_dampingpoly[first]
     return ConvertedJoints(
-        some(turning, m.jnt_stiffness, m.jnt_stiffnesspoly),
-        some(turning, damping, bent),
-        some(sliding, m.jnt_stiffness, m.jnt_stiffnesspoly),
-        some(sliding, damping, bent),
-        some(still, m.dof_armature[first], np.zeros(m.njnt)),
+        select_linear(turning, m.jnt_stiffness, m.jnt_stiffnesspoly),
+        select_linear(turning, damping, nonlinear),
+        select_linear(sliding, m.jnt_stiffness, m.jnt_stiffnesspoly),
+        select_linear(sliding, damping, nonlinear),
+        select_linear(still, m.dof_armature[first], np.zeros(m.njnt)),
     )
 
 
@@ -421,23 +428,29 @@ class _BodyFrames:
     data: Any  # MuJoCo's poses at the reference coordinates
     ours: list[int]  # number of our body for each of MuJoCo's
 
-    def point(self, n: int, p: np.ndarray) -> np.ndarray:
+    def convert_point(self, n: int, p: np.ndarray) -> np.ndarray:
         """Return the point ``p`` [m, space] in the frame of our body ``n``."""
         out: np.ndarray = self.R[n].T @ (p - self.r[n])
         return out
 
-    def make_turn(self, n: int) -> Callable[[Any], Any]:
+    def make_converter(self, n: int) -> Callable[[Any], Any]:
         """Return a function that converts a direction from space to the frame of our body ``n``; None stays None."""
         return lambda a: None if a is None else self.R[n].T @ a
 
-    def end(self, b: int, p: np.ndarray, turn: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-        """Return for MuJoCo's body ``b`` the number of our body, and point ``p`` and axes ``turn`` of b in that."""
+    def convert_end(self, b: int, p: np.ndarray, turn: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+        """Return the number of our body that contains MuJoCo's body ``b``, and a point and axes of b in its frame.
+
+        ``p`` [m] and ``turn`` (columns are the axes) are given in the frame of b.
+        """
         n, Rb = self.ours[b], self.data.xmat[b].reshape(3, 3)
-        return n, self.point(n, self.data.xpos[b] + Rb @ p), self.R[n].T @ Rb @ turn
+        return n, self.convert_point(n, self.data.xpos[b] + Rb @ p), self.R[n].T @ Rb @ turn
 
 
 def is_straight_spring(mj: Any, m: Any, k: int) -> bool:
-    """Return whether tendon ``k`` of MuJoCo's model ``m`` is a linear spring or damper between two sites."""
+    """Return whether tendon ``k`` of model ``m`` is a linear spring or damper between two sites.
+
+    A range of rest lengths, within which it has no force, is not linear.
+    """
     first, site = m.tendon_adr[k], int(mj.mjtWrap.mjWRAP_SITE)
     plain = m.tendon_num[k] == 2 and all(m.wrap_type[first : first + 2] == site)
     linear = not np.any(m.tendon_stiffnesspoly[k]) and not np.any(m.tendon_dampingpoly[k])
@@ -445,9 +458,9 @@ def is_straight_spring(mj: Any, m: Any, k: int) -> bool:
 
 
 def _merge_hinges(same: list[Joint]) -> list[Joint]:
-    """Return one revolute joint in place of two spherical joints between the same bodies; its axis joins their points.
+    """Return one revolute joint in place of two spherical ones between the same bodies; its axis joins their points.
 
-    Any other number of joints, or points that do not fit, are returned as they are.
+    Any other number of joints is returned unchanged, as are points that coincide or differ in distance on the bodies.
     """
     if len(same) != 2:
         return same
@@ -458,14 +471,14 @@ def _merge_hinges(same: list[Joint]) -> list[Joint]:
     return [Joint(a.i, a.s_i, a.j, a.s_j, in_i, in_j, f"{a.name}+{b.name}")]
 
 
-def _normal(a: np.ndarray) -> np.ndarray:
+def _choose_normal(a: np.ndarray) -> np.ndarray:
     """Return a unit vector normal to ``a``."""
     n = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
     out: np.ndarray = n / np.linalg.norm(n)
     return out
 
 
-def _matrix(mj: Any, quaternion: np.ndarray) -> np.ndarray:
+def _convert_quaternion(mj: Any, quaternion: np.ndarray) -> np.ndarray:
     """Return the rotation matrix of a quaternion (w, x, y, z)."""
     out = np.zeros(9)
     mj.mju_quat2Mat(out, quaternion)

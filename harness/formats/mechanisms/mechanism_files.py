@@ -40,21 +40,21 @@ SUFFIXES = (*COMPILED, *(suffix for reader in READERS for suffix in reader.SUFFI
 
 
 def list_files(path: Path) -> tuple[Path, ...]:
-    """Return the file and those that it includes, on which its motion depends; meshes have no part in it."""
+    """Return the file and those that it includes, on which its motion depends; meshes are not among them."""
     if path.suffix.lower() in usd.SUFFIXES:
         return usd.list_layers(path)
     found = [path]
-    for here in found if path.suffix.lower() in COMPILED else ():
-        found += [p for p in _list_included(here, path) if p not in found]
+    for file in found if path.suffix.lower() in COMPILED else ():
+        found += [p for p in _list_included(file, path) if p not in found]
     return tuple(found)
 
 
-def _list_included(here: Path, top: Path) -> Iterator[Path]:
-    """Yield the existing files that the MJCF file ``here`` names: beside it or, as in MuJoCo, beside the first file."""
-    text = COMMENT.sub(b"", read_whole(here))
+def _list_included(file: Path, first: Path) -> Iterator[Path]:
+    """Yield the existing files that the MJCF ``file`` names: beside it or, as in MuJoCo, beside the ``first`` file."""
+    text = COMMENT.sub(b"", read_whole(file))
     for match in INCLUDE.finditer(text):
         name = (match[1] or match[2]).decode(errors="replace")
-        yield from [p for p in (here.parent / name, top.parent / name) if p.is_file()][:1]
+        yield from [p for p in (file.parent / name, first.parent / name) if p.is_file()][:1]
 
 
 def read_mechanism(path: Path) -> MechanismFile:
@@ -72,30 +72,31 @@ def read_mechanism(path: Path) -> MechanismFile:
 
 
 def _read_links(path: Path, reader: Any) -> LinkMechanism:
-    """Read a file by the ``Document`` of the module ``reader``, and close joints that rounding leaves open."""
+    """Return the mechanism in a file that ``reader``, one of the modules ``READERS``, reads as links and joints.
+
+    Joints of loops that rounding leaves open are closed. Raise ValueError if nothing can move.
+    """
     found = reader.Document(path)
     if not found.links:
         raise ValueError("nothing in it can move: no body is free or has a joint")
     joints = close_joints(found.joints)
-    reader, omitted = (
-        found.reader + describe_locked_joints(found.locked),
-        {what: n for what, n in found.omitted.items() if n},
-    )
+    source = found.reader + describe_locked_joints(found.locked)
+    omitted = {what: n for what, n in found.omitted.items() if n}
     return LinkMechanism(
-        choose_name(path), path, digest_mechanism(path), reader, found.links, joints, found.gravity, found.dt, omitted
+        choose_name(path), path, digest_mechanism(path), source, found.links, joints, found.gravity, found.dt, omitted
     )
 
 
 def _compile_file(path: Path) -> CompiledMechanism:
-    """Read an MJCF or URDF file by MuJoCo's parser and compiler, without the files of meshes and textures.
+    """Return the mechanism in an MJCF or URDF file as MuJoCo compiles it, without the files of meshes and textures.
 
-    Raise ValueError with a message of one line if MuJoCo or this reader refuses it.
+    Raise ValueError with a message of one line if MuJoCo or this reader refuses it, or if nothing can move.
     """
     try:
         mj = importlib.import_module("mujoco")
     except ImportError:
         raise ValueError("MuJoCo reads such files and is not installed: pip install 'mbsbench[mujoco]'") from None
-    root = _root(path)
+    root = _read_root_tag(path)
     robot = urdf.UrdfDocument(path) if root in (b"robot", b"") else None
     try:
         spec = mj.MjSpec.from_string(robot.text) if robot else mj.MjSpec.from_file(str(path))
@@ -111,7 +112,7 @@ def _compile_file(path: Path) -> CompiledMechanism:
             model = spec.compile()
     except ValueError as error:  # MuJoCo's messages have several lines
         message = " ".join(str(error).split()).partition(" The static bodies of the spec were fused")[0]
-        raise ValueError(robot.explain(message) if robot else message) from None
+        raise ValueError(robot.explain_error(message) if robot else message) from None
     apply_flags(mj, model)
     if not np.any(group_bodies(model)):
         raise ValueError(f"nothing in it can move: {robot.at_rest if robot else 'no body has a joint'}")
@@ -122,7 +123,7 @@ def _compile_file(path: Path) -> CompiledMechanism:
     )
 
 
-def _root(path: Path) -> bytes:
+def _read_root_tag(path: Path) -> bytes:
     """Return the tag of the first element of an XML file, such as ``robot`` or ``mujoco``; empty if there is none."""
     found = ROOT.search(COMMENT.sub(b"", read_whole(path)))
     return found[1] if found else b""
@@ -134,9 +135,9 @@ def digest_mechanism(path: Path) -> str:
 
 
 def _remove_visuals(mj: Any, spec: Any) -> None:
-    """Replace meshes of a MuJoCo spec by points and remove textures, since their files may be missing.
+    """Replace meshes of a MuJoCo ``spec`` by points and remove textures, in place, since their files may be missing.
 
-    Raise ValueError for flexible bodies, plugins, and moving bodies whose inertia is that of a mesh.
+    Raise ValueError for flexible bodies, plugins, and moving bodies whose inertia is computed from a mesh.
     """
     if spec.flexes or spec.plugins:
         raise ValueError("flexible bodies and plugins of MuJoCo are not supported")
@@ -171,20 +172,20 @@ def _is_moving(spec: Any, body: Any) -> bool:
 def _count_omitted(mj: Any, m: Any) -> dict[OmittedContents, int]:
     """Count by kind the contents of MuJoCo's model ``m`` that have no counterpart here; counts may be 0."""
     straight = sum(is_straight_spring(mj, m, k) for k in range(m.ntendon))
-    ours = find_joints(mj, m)
+    included = find_joints(mj, m)
     return {
         OmittedContents.ACTUATORS: m.nu,
         OmittedContents.COLLIDING: _count_colliding(mj, m),
         OmittedContents.LIMITS: int(np.sum(m.jnt_limited) + np.sum(m.tendon_limited)),
         OmittedContents.STIFFNESS: _count_nonzero_rows(m.jnt_stiffness, m.jnt_stiffnesspoly)
-        - len(ours.turning_springs)
-        - len(ours.sliding_springs),
+        - len(included.turning_springs)
+        - len(included.sliding_springs),
         OmittedContents.DAMPING: _count_nonzero_rows(m.dof_damping, m.dof_dampingpoly)
-        - len(ours.turning_dampers)
-        - len(ours.sliding_dampers),
+        - len(included.turning_dampers)
+        - len(included.sliding_dampers),
         OmittedContents.FRICTION: _count_nonzero_rows(m.dof_frictionloss) + _count_nonzero_rows(m.tendon_frictionloss),
         OmittedContents.ARMATURE: _count_nonzero_rows(m.dof_armature)
-        - len(ours.armatures)
+        - len(included.armatures)
         + _count_nonzero_rows(m.tendon_armature),
         OmittedContents.LIFT: _count_nonzero_rows(m.body_gravcomp),
         OmittedContents.FLUID: int(m.opt.density != 0.0 or m.opt.viscosity != 0.0),
@@ -195,7 +196,7 @@ def _count_omitted(mj: Any, m: Any) -> dict[OmittedContents, int]:
 
 
 def _count_colliding(mj: Any, m: Any) -> int:
-    """Count the geoms that may touch another one, by their bits or by a pair that names them."""
+    """Count the geoms that may touch another one, by their contact bits or by an explicit pair."""
     off = mj.mjtDisableBit.mjDSBL_CONTACT | mj.mjtDisableBit.mjDSBL_CONSTRAINT
     collides = (m.geom_contype | m.geom_conaffinity) != 0
     if not m.opt.disableflags & off:
@@ -212,5 +213,5 @@ def _count_asleep(mj: Any, m: Any) -> int:
 
 
 def _count_nonzero_rows(*values: np.ndarray) -> int:
-    """Count the indices k for which ``v[k]``, a number or a row, is not zero in at least one of the arrays."""
+    """Count the indices k for which ``v[k]``, a number or a row, is not zero in at least one array v of ``values``."""
     return int(np.sum(np.any([np.any(np.atleast_2d(v.T) != 0.0, axis=0) for v in values], axis=0)))

@@ -55,22 +55,25 @@ ENABLED = (  # flags to be enabled that change no force here
 
 
 def apply_flags(mj: Any, m: Any) -> None:
-    """Set the numbers of model ``m`` that its flags disable to zero; raise ValueError for a set flag unknown here."""
-    for name in _flags(mj.mjtDisableBit, "mjDSBL_", m.opt.disableflags):
+    """Set to 0 the numbers of model ``m`` that its disable flags switch off, in place.
+
+    Raise ValueError for a flag in none of the lists.
+    """
+    for name in _list_flags(mj.mjtDisableBit, "mjDSBL_", m.opt.disableflags):
         if name not in (*OFF, *READ, *WITHOUT_EFFECT):
             raise ValueError(f"flag {name.lower()} is disabled, which is not supported")
         for array in OFF.get(name, ()):
             if hasattr(m, array):
                 getattr(m, array)[:] = 0
-    for name in _flags(mj.mjtEnableBit, "mjENBL_", m.opt.enableflags):
+    for name in _list_flags(mj.mjtEnableBit, "mjENBL_", m.opt.enableflags):
         if name not in ENABLED:
             raise ValueError(f"flag {name.lower()} is enabled, which is not supported")
 
 
-def _flags(bits: Any, prefix: str, given: int) -> list[str]:
-    """Return the names, without ``prefix``, of the flags whose bits are set in ``given``."""
+def _list_flags(bits: Any, prefix: str, mask: int) -> list[str]:
+    """Return the names, without ``prefix``, of the flags of the enumeration ``bits`` that are set in ``mask``."""
     return [
         name.removeprefix(prefix)
         for name, bit in bits.__members__.items()
-        if name.startswith(prefix) and int(given) & int(bit)
+        if name.startswith(prefix) and int(mask) & int(bit)
     ]

@@ -17,8 +17,11 @@ DIGITS = 1e-3  # relative error of velocities due to printed digits
 OPEN = 1e-4
 
 
-def find_gap(system: MultibodySystem, start: State) -> str:
-    """Return which joint is open at the start by more than printed digits explain, and by how much; else empty."""
+def describe_open_joint(system: MultibodySystem, start: State) -> str:
+    """Return a text that names the joint open widest at the start, with its gap [m or rad].
+
+    It is empty unless the gap exceeds ``OPEN`` (relative), which is more than printed digits explain.
+    """
     gaps = np.abs(constraint(system, States.one(start))[0])
     size = np.full(len(gaps), float(np.max(find_arms(system))))
     size[system.turning_rows] = 1.0
@@ -29,7 +32,7 @@ def find_gap(system: MultibodySystem, start: State) -> str:
     return f"{name} is open at the start by {gaps[row]:.3g} {'rad' if row in system.turning_rows else 'm'}"
 
 
-def follow_rates(
+def complete_velocities(
     system: MultibodySystem,
     start: State,
     rows: Float[np.ndarray, "n dof"],
@@ -38,7 +41,7 @@ def follow_rates(
     slack: float = 1e-6,
     held: Bool[np.ndarray, " n"] | None = None,
 ) -> State:
-    """Return the start with velocities that all joints allow: given rates are kept, others nearly 0.
+    """Return the start with velocities that all joints allow and that have the given rates; other rates are nearly 0.
 
     ``rows @ velocities`` are the rates of coordinates, with the velocities (v [m/s, space], Omega [rad/s, body]) of all
     bodies. Given are the ``rates`` that ``held`` marks or, without it, those that are not 0; the others are as near to
@@ -47,19 +50,19 @@ def follow_rates(
     """
     from scipy.linalg import null_space
 
-    free = null_space(constraint_jacobian(system, start).toarray(), rcond=RANK)
-    B, asked = rows @ free, rates != 0.0 if held is None else held
-    y = np.linalg.lstsq(B[asked], rates[asked], rcond=None)[0]
-    if np.max(np.abs(B[asked] @ y - rates[asked])) > slack * np.max(np.abs(rates)):
+    free = null_space(constraint_jacobian(system, start).toarray(), rcond=RANK)  # columns: velocities that joints allow
+    B, given = rows @ free, rates != 0.0 if held is None else held
+    y = np.linalg.lstsq(B[given], rates[given], rcond=None)[0]
+    if np.max(np.abs(B[given] @ y - rates[given])) > slack * np.max(np.abs(rates)):
         raise ValueError(f"{name}: the loops allow no such rates; give fewer, and 0 for the others")
-    rest = null_space(B[asked], rcond=RANK)
-    y -= rest @ np.linalg.lstsq(B[~asked] @ rest, B[~asked] @ y, rcond=None)[0]
+    rest = null_space(B[given], rcond=RANK)
+    y -= rest @ np.linalg.lstsq(B[~given] @ rest, B[~given] @ y, rcond=None)[0]
     x = (free @ y).reshape(-1, 6)
     return State(start.r, start.R, x[:, :3], x[:, 3:])
 
 
-def hold_velocities(system: MultibodySystem, start: State, name: str) -> State:
-    """Return the start with closed joints and its own velocities; a v or Omega of 0 follows from the others.
+def keep_velocities(system: MultibodySystem, start: State, name: str) -> State:
+    """Return the start with closed joints and its own velocities; a v or Omega of 0 is replaced by what joints require.
 
     Raise ValueError, with a message that begins with ``name``, if the joints do not allow these velocities to within
     printed digits.
@@ -70,5 +73,5 @@ def hold_velocities(system: MultibodySystem, start: State, name: str) -> State:
     off = np.max(np.where(held[..., None], np.abs(found - given), 0.0), axis=(0, 2), initial=0.0)
     if np.all(off <= np.maximum(DIGITS * np.max(np.abs(given), axis=(0, 2), initial=0.0), START_TOLERANCE)):
         return out
-    every = np.eye(6 * system.nb)
-    return project(system, follow_rates(system, out, every, given.ravel(), name, DIGITS, np.repeat(held.ravel(), 3)))
+    every, held = np.eye(6 * system.nb), np.repeat(held.ravel(), 3)
+    return project(system, complete_velocities(system, out, every, given.ravel(), name, DIGITS, held))

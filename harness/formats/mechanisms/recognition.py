@@ -49,12 +49,12 @@ class Forces:
 def find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample]) -> tuple[list[Joint], list[Joint]]:
     """Return joints that leave the bodies exactly the freedom of the samples, and all joints that hold.
 
-    The first list is a part of the second, without joints that follow from others. Raise ValueError if the samples have
-    less freedom than all joints leave.
+    The second list also has joints that follow from others, which the first leaves out. Raise ValueError if the samples
+    have less freedom than all joints leave.
     """
     masses = [not np.any(b.inertia) for b in bodies]
-    known = [j for i in range(len(bodies)) for k in range(GROUND, i) for j in _find_joints(bodies, samples, i, k)]
-    chosen, rank = list[Joint](), 0
+    known = [j for i in range(len(bodies)) for k in range(GROUND, i) for j in _find_pair_joints(bodies, samples, i, k)]
+    chosen, rank = list[Joint](), 0  # ranks are those at the second sample: a start may be singular
     holding = [j for j in known if j.j == GROUND or j.sort != JointKind.ON_LINE or not masses[j.j]]
     for joint in sorted(holding, key=lambda j: -sum(ROWS[j.sort])):
         if (more := _compute_rank(bodies, [*chosen, joint], samples[1])) > rank:
@@ -72,11 +72,14 @@ def find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample]) -> tuple
 def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: Sequence[Sample]) -> Forces:
     """Return gravity, springs and dampers that give the accelerations of the samples; raise ValueError if none do.
 
-    Springs and dampers are searched along or about the axes of ``joints``.
+    Springs and dampers are searched along or about the axes of ``joints``. Their coefficients solve the projected
+    equations of motion of all samples, first without negative stiffness or damping, which shows the forces that are
+    needed, then by least squares for these alone.
     """
     from scipy.optimize import nnls
 
     needed, columns, terms = [], [], 0.0  # terms: size of the summands of the forces
+    # columns: gravity along X, Y, Z; then of each joint a constant load, stiffness and damping
     turning = [j for j in joints if j.sort in (JointKind.REVOLUTE, JointKind.CYLINDRICAL)]
     sliding = [j for j in joints if j.sort in (JointKind.PRISMATIC, JointKind.CYLINDRICAL, JointKind.ON_LINE)]
     for one in samples:
@@ -85,30 +88,30 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
         terms = max(terms, float(np.max(np.abs(one.twists).T @ np.abs(inertia), initial=0.0)))
         found = [np.array([[*(b.mass * e), 0.0, 0.0, 0.0] for b in bodies]) for e in np.eye(3)]
         for j in turning:
-            angle, rate, push = _measure_angle(j, one.state, samples[0].state)
-            found += [push, -angle * push, -rate * push]
+            angle, rate, wrenches = _measure_angle(j, one.state, samples[0].state)
+            found += [wrenches, -angle * wrenches, -rate * wrenches]
         for j in sliding:
-            displacement, rate, push = _measure_displacement(j, one.state, samples[0].state)
-            found += [push, -displacement * push, -rate * push]
+            displacement, rate, wrenches = _measure_displacement(j, one.state, samples[0].state)
+            found += [wrenches, -displacement * wrenches, -rate * wrenches]
         columns.append(np.array([one.twists.T @ f.ravel() for f in found]).T)
     A, b = np.concatenate(columns), np.concatenate(needed)
     rounding = ROUNDING * terms
     if np.max(np.abs(b), initial=0.0) <= rounding:  # no applied force: it moves by its inertia only
         return Forces(np.zeros(3), (), ())
-    signed = [0, 1, 2, *range(3, A.shape[1], 3)]  # stiffness and damping are never negative
+    of_any_sign = [0, 1, 2, *range(3, A.shape[1], 3)]  # gravity and constants; stiffness and damping are >= 0
     size = np.linalg.norm(A, axis=0)
     size[size < NEAR * np.max(size, initial=0.0)] = np.inf
-    both = np.concatenate((A / size, -(A / size)[:, signed]), axis=1)
-    rough = nnls(both, b, maxiter=100 * both.shape[1])[0]
-    rough[signed] -= rough[A.shape[1] :]
-    used = np.abs(rough[: A.shape[1]]) > NEAR * np.max(np.abs(rough), initial=0.0)
-    pushes = np.arange(3, A.shape[1], 3)
+    signed_columns = np.concatenate((A / size, -(A / size)[:, of_any_sign]), axis=1)
+    estimate = nnls(signed_columns, b, maxiter=100 * signed_columns.shape[1])[0]
+    estimate[of_any_sign] -= estimate[A.shape[1] :]
+    used = np.abs(estimate[: A.shape[1]]) > NEAR * np.max(np.abs(estimate), initial=0.0)
+    constants = np.arange(3, A.shape[1], 3)
     points = {b for b, body in enumerate(bodies) if not np.any(body.inertia)}
-    rests = used[pushes + 1] & np.array([j.j not in points for j in (*turning, *sliding)], dtype=bool)
+    with_rest = used[constants + 1] & np.array([j.j not in points for j in (*turning, *sliding)], dtype=bool)
     by_gravity = used.copy()
-    by_gravity[:3], by_gravity[pushes] = True, rests
+    by_gravity[:3], by_gravity[constants] = True, with_rest
     # gravity may explain what looks like a constant force
-    for some in (by_gravity, used) if np.any(used[pushes] & ~rests) else (used,):
+    for some in (by_gravity, used) if np.any(used[constants] & ~with_rest) else (used,):
         x = np.zeros(A.shape[1])
         x[some] = np.linalg.lstsq((A / size)[:, some], b, rcond=None)[0] / size[some]
         missing = np.abs(A @ x - b)
@@ -132,8 +135,12 @@ def find_forces(bodies: Sequence[RigidBody], joints: Sequence[Joint], samples: S
     return Forces(x[:3], tuple(springs), tuple(torsions))
 
 
-def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: int) -> Iterator[Joint]:
-    """Yield the joints that hold between bodies i and j (j may be GROUND) in all samples; a point mass becomes i."""
+def _find_pair_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int, j: int) -> Iterator[Joint]:
+    """Yield the joints that hold between bodies i and j (j may be GROUND) in all samples.
+
+    Their kind follows from the number of common axes, and from whether a point is common. If one body is a point mass,
+    it becomes i.
+    """
     from scipy.linalg import null_space
 
     if j != GROUND and np.any(bodies[i].inertia) and not np.any(bodies[j].inertia):
@@ -143,10 +150,11 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
     d = np.array([R_j.T @ (r_i - r_j) for (r_i, _), (r_j, R_j) in ends])
     name = f"{bodies[j].name if j != GROUND else 'ground'}-{bodies[i].name}"
     if not np.any(bodies[i].inertia):
-        point = j != GROUND and not np.any(bodies[j].inertia)
-        yield from (Joint(i, np.zeros(3), j, name=name, **kind) for kind in _propose_point_joints(d, point))
+        other_is_point = j != GROUND and not np.any(bodies[j].inertia)
+        yield from (Joint(i, np.zeros(3), j, name=name, **kind) for kind in _propose_point_joints(d, other_is_point))
         return
     none = np.zeros(3)
+    # rows (a_i, a_j) with Q a_i = a_j in all samples
     axes = null_space(np.concatenate([np.hstack((q, -np.eye(3))) for q in Q]), rcond=NEAR).T
     s_i, s_j, met = _find_meeting_points(Q, d, np.eye(3))
     match len(axes), met:
@@ -186,26 +194,27 @@ def _find_joints(bodies: Sequence[RigidBody], samples: Sequence[Sample], i: int,
                 yield Joint(i, none, j, none, a_i, n, name, JointKind.NORMAL)
 
 
-def _propose_point_joints(d: Float[np.ndarray, "nt 3"], point: bool) -> Iterator[dict[str, Any]]:
+def _propose_point_joints(d: Float[np.ndarray, "nt 3"], other_is_point: bool) -> Iterator[dict[str, Any]]:
     """Yield keywords of ``Joint`` for a point mass at positions ``d`` [m], seen from a body or from another point mass.
 
-    ``point`` says that the other is a point mass. Two point masses that stay on one line get a joint for springs
-    between them, which constrains neither.
+    ``other_is_point`` says that it is seen from a point mass. Two point masses that stay on one line get a joint for
+    springs between them, which constrains neither.
     """
     directions, size, _ = np.linalg.svd((d - d[0]).T, full_matrices=False)
     far = np.max(np.abs(d))
-    if point and NEAR * far < size[0] and np.linalg.norm(np.cross(d, directions[:, 0]), axis=1).max() < NEAR * far:
+    moves = NEAR * far < size[0]
+    if other_is_point and moves and np.linalg.norm(np.cross(d, directions[:, 0]), axis=1).max() < NEAR * far:
         yield {"s_j": np.zeros(3), "axis_j": directions[:, 0], "kind": JointKind.ON_LINE}
         return
-    if not point and size[0] <= NEAR * far:
+    if not other_is_point and size[0] <= NEAR * far:
         yield {"s_j": d[0], "kind": JointKind.SPHERICAL}
-    elif not point and size[1] < NEAR * size[0]:
+    elif not other_is_point and size[1] < NEAR * size[0]:
         yield {"s_j": d[0], "axis_j": directions[:, 0], "kind": JointKind.ON_LINE}
     else:
-        if not point and size[2] < NEAR * size[0]:
+        if not other_is_point and size[2] < NEAR * size[0]:
             yield {"s_j": d[0], "axis_j": directions[:, 2], "kind": JointKind.ON_PLANE}
         squares = np.sum(d * d, axis=1)  # = 2 d . s + L^2 - s . s
-        A = np.ones((len(d), 1)) if point else np.column_stack((np.ones(len(d)), 2.0 * d))
+        A = np.ones((len(d), 1)) if other_is_point else np.column_stack((np.ones(len(d)), 2.0 * d))
         x = np.linalg.lstsq(A, squares, rcond=NEAR)[0]
         if np.max(np.abs(A @ x - squares)) < NEAR * far * far:
             s = np.concatenate((x[1:], np.zeros(3)))[:3]
@@ -233,7 +242,7 @@ def _find_pose(s: State, b: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _compute_rank(bodies: Sequence[RigidBody], joints: Sequence[Joint], one: Sample) -> int:
-    """Return the rank of the constraint rows of ``joints`` in the state of one sample."""
+    """Return the rank of the constraint rows of ``joints`` at the state of the sample ``one``."""
     A = scale_jacobian(assemble(bodies, joints), one.state).toarray()
     size = np.linalg.svd(A, compute_uv=False)
     return int(np.sum(size > RANK * size[0]))
@@ -253,40 +262,40 @@ def _compute_inertia_forces(bodies: Sequence[RigidBody], one: Sample) -> Float[n
 def _measure_angle(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
     """Return the angle [rad] of i about the axis since the start, its rate, and the wrenches of a torque of 1 N m on i.
 
-    A wrench is (force in space, torque in the body's frame) of each body; j has the opposite torque.
+    They have a row (force in space, torque in the body's frame) for each body; j has the opposite torque.
     """
     (_, R_i), (_, R_j) = _find_pose(s, joint.i), _find_pose(s, joint.j)
     axis, e, u = _choose_directions(joint, start)
     now = R_j.T @ R_i @ u
-    push = np.zeros((s.nb, 6))
-    push[joint.i, 3:] = R_i.T @ R_j @ axis
-    rate = push[joint.i, 3:] @ s.Omega[joint.i]
+    wrenches = np.zeros((s.nb, 6))
+    wrenches[joint.i, 3:] = R_i.T @ R_j @ axis
+    rate = wrenches[joint.i, 3:] @ s.Omega[joint.i]
     if joint.j != GROUND:
-        push[joint.j, 3:] = -axis
+        wrenches[joint.j, 3:] = -axis
         rate -= axis @ s.Omega[joint.j]
-    return float(np.arctan2(now @ np.cross(axis, e), now @ e)), float(rate), push
+    return float(np.arctan2(now @ np.cross(axis, e), now @ e)), float(rate), wrenches
 
 
 def _measure_displacement(joint: Joint, s: State, start: State) -> tuple[float, float, Float[np.ndarray, "nb 6"]]:
     """Return the displacement [m] of i along the axis, its rate, and the wrenches of a force of 1 N along it on i.
 
-    The displacement is that of the joint's points; ``start`` is unused and keeps the signature of ``_measure_angle``,
-    which returns wrenches in the same form.
+    The displacement is that of the joint's points. ``start`` is unused: the signature and the wrenches are those of
+    ``_measure_angle``.
     """
     (r_i, R_i), (r_j, R_j) = _find_pose(s, joint.i), _find_pose(s, joint.j)
     direction = np.asarray(joint.axis_j)
     axis = R_j @ direction
     point = r_i + R_i @ joint.s_i
-    push = np.zeros((s.nb, 6))
-    push[joint.i] = [*axis, *np.cross(joint.s_i, R_i.T @ axis)]
+    wrenches = np.zeros((s.nb, 6))
+    wrenches[joint.i] = [*axis, *np.cross(joint.s_i, R_i.T @ axis)]
     if joint.j != GROUND:
-        push[joint.j] = [*(-axis), *np.cross(R_j.T @ (point - r_j), -direction)]
-    rate = float(np.sum(push * np.concatenate((s.v, s.Omega), axis=1)))
-    return float(axis @ (point - r_j - R_j @ joint.s_j)), rate, push
+        wrenches[joint.j] = [*(-axis), *np.cross(R_j.T @ (point - r_j), -direction)]
+    rate = float(np.sum(wrenches * np.concatenate((s.v, s.Omega), axis=1)))
+    return float(axis @ (point - r_j - R_j @ joint.s_j)), rate, wrenches
 
 
 def _choose_directions(joint: Joint, start: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the unit axis in j, a unit normal to it in j, and the vector of i equal to the normal at the start."""
+    """Return the unit axis and a unit normal to it, in the frame of j, and that normal at the start in that of i."""
     axis = np.asarray(joint.axis_j)
     axis = axis / np.linalg.norm(axis)
     e = choose_normals(axis)[0]

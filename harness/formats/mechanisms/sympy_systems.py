@@ -43,6 +43,7 @@ def read_sympy(
 
     ``values`` has numbers for its symbols, ``start`` for its coordinates and, if not 0, its speeds. A LagrangesMethod
     also needs its ``bodies``; ``origin`` is a point at rest, needed if no such point has a position to the first mass.
+    The problem ends at ``t_end`` [s] and has the default step ``dt`` [s].
     """
     for what, numbers in (("values", values), ("start", start)):
         _check_numbers(what, numbers)
@@ -54,7 +55,7 @@ def read_sympy(
     if lacking := [str(c) for c in e.q if c not in start]:
         raise ValueError(f"start lacks {', '.join(lacking)}")
     q, u = (np.array([float(start.get(c, 0.0)) for c in some]) for some in (e.q, e.u))
-    samples = e.samples(q)
+    samples = e.draw_samples(q)
     joints, known_joints = find_joints(e.bodies, samples)
     forces = find_forces(e.bodies, known_joints, samples)
     system = assemble(e.bodies, joints, forces.gravity, forces.springs, torsions=forces.torsions)
@@ -87,10 +88,10 @@ def _check_numbers(what: str, numbers: Any) -> None:
 class _Equations:
     """The equations of SymPy, evaluated in numbers at their coordinates q and speeds u."""
 
-    given: Any
-    values: dict[Any, Any]
-    own_bodies: tuple[Any, ...]
-    point: Any
+    given: Any  # KanesMethod, LagrangesMethod or System
+    values: dict[Any, Any]  # numbers by symbol
+    own_bodies: tuple[Any, ...]  # as the user gives them; empty: those of the system
+    point: Any  # at rest, as the user gives it, or None
 
     @cached_property
     def method(self) -> Any:
@@ -140,7 +141,7 @@ class _Equations:
 
     @cached_property
     def frame(self) -> Any:
-        """SymPy's frame at rest; raise ValueError if the equations do not name it."""
+        """SymPy's inertial frame; raise ValueError if the equations do not name it."""
         for holder, slot in ((self.given, "frame"), (self.method, "_inertial"), (self.method, "inertial")):
             if (found := getattr(holder, slot, None)) is not None:
                 return found
@@ -162,7 +163,7 @@ class _Equations:
 
     @cached_property
     def origin(self) -> Any:
-        """A point at rest: the one given, or the nearest with a position to the first mass.
+        """A point at rest: the one given, or the nearest that SymPy's positions connect to the first mass.
 
         Raise ValueError if there is none.
         """
@@ -180,7 +181,7 @@ class _Equations:
     def _compile(self, expressions: Any) -> Any:
         """Return a function of the numbers (*q, *u) that evaluates SymPy's ``expressions`` with the given values.
 
-        Raise ValueError if symbols have no value, which it names, or if time occurs explicitly.
+        Raise ValueError, which names them, for symbols without a value, and if time occurs explicitly.
         """
         sp, me = self.sympy_modules
         names = sp.symbols(f"x:{len(self.q) + len(self.u)}", cls=sp.Dummy)
@@ -197,8 +198,8 @@ class _Equations:
         return sp.lambdify(names, out, "numpy", cse=True)
 
     @cached_property
-    def _numbers(self) -> dict[str, Any]:
-        """Functions of the numbers (*q, *u) by name; a matrix without rows has no function."""
+    def _functions(self) -> dict[str, Any]:
+        """The compiled functions of the numbers (*q, *u), by name; a matrix without rows has no function."""
         sp, me = self.sympy_modules
         t = me.dynamicsymbols._t
         x: list[Any] = []
@@ -210,50 +211,51 @@ class _Equations:
         rates = {} if self.is_lagrange else self.method.kindiffdict()
         q_dot = sp.Matrix([me.msubs(c.diff(t), rates) for c in self.q])
         w = sp.Matrix(sp.symbols(f"w:{len(self.q)}", cls=sp.Dummy))
-        slope, u = poses.jacobian(q), sp.Matrix(self.u)
-        turning = me.msubs((slope * w).jacobian(q) * w, dict(zip(w, q_dot, strict=True)))
+        jacobian_of_poses, u = poses.jacobian(q), sp.Matrix(self.u)
+        bias = me.msubs((jacobian_of_poses * w).jacobian(q) * w, dict(zip(w, q_dot, strict=True)))
         m = self.method
-        restricted = sp.Matrix([*(m.coneqs if self.is_lagrange else m._k_nh * u + m._f_nh if len(m._k_nh) else [])])
+        of_kane = [] if self.is_lagrange or not len(m._k_nh) else m._k_nh * u + m._f_nh
+        speed_conditions = sp.Matrix([*(m.coneqs if self.is_lagrange else of_kane)])
         closing = self.closing
-        made = {
+        matrices = {
             "poses": poses,  # C and R of each part: 12 numbers
-            "slope": slope,  # d poses / d q
-            "turning": turning,  # second derivative of poses where q_ddot = 0
+            "pose_jacobian": jacobian_of_poses,  # d poses / d q
+            "pose_bias": bias,  # second derivative of poses where q_ddot = 0
             "q_dot": q_dot,
-            "bent": q_dot.jacobian(q) * q_dot,  # q_ddot where u_dot = 0
-            "along": q_dot.jacobian(u),  # d q_dot / d u
+            "q_bias": q_dot.jacobian(q) * q_dot,  # q_ddot where u_dot = 0
+            "q_jacobian": q_dot.jacobian(u),  # d q_dot / d u
             "mass": m.mass_matrix_full,  # mass (q_dot, u_dot) = force
             "force": m.forcing_full,
-            "closing": closing,  # 0 where loops are closed
+            "gaps": closing,  # 0 where loops are closed
             # d closing / d q
-            "opening": closing.jacobian(q) if len(closing) else sp.zeros(0, len(self.q)),
+            "gap_jacobian": closing.jacobian(q) if len(closing) else sp.zeros(0, len(self.q)),
             # rows that vanish with each change of u that constraints allow
-            "allowed": restricted.jacobian(u) if len(restricted) else sp.zeros(0, len(self.u)),
+            "speed_rows": speed_conditions.jacobian(u) if len(speed_conditions) else sp.zeros(0, len(self.u)),
         }
-        return {k: self._compile(v) for k, v in made.items() if v.shape[0]}
+        return {k: self._compile(v) for k, v in matrices.items() if v.shape[0]}
 
-    def _at(self, name: str, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
-        """Return the function ``name`` of ``_numbers`` at q and u (None: zero); without rows if it does not exist."""
-        found = self._numbers.get(name)
+    def _evaluate(self, name: str, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
+        """Return the matrix ``name`` of ``_functions`` at q and u (None: zero); without rows if it does not exist."""
+        found = self._functions.get(name)
         u = np.zeros(len(self.u)) if u is None else u
         return np.zeros((0, len(q))) if found is None else np.array(found(*q, *u), dtype=float)
 
-    def _velocities(self, q: np.ndarray, q_dot: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _compute_velocities(self, q: np.ndarray, q_dot: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return R, v [m/s, space], Omega [rad/s, body] and R_dot of all parts at coordinates q and rates q_dot."""
-        x, x_dot = (a.reshape(-1, 12) for a in (self._at("poses", q), self._at("slope", q) @ q_dot))
+        x, x_dot = (a.reshape(-1, 12) for a in (self._evaluate("poses", q), self._evaluate("pose_jacobian", q) @ q_dot))
         R, R_dot = (a[:, 3:].reshape(-1, 3, 3) for a in (x, x_dot))
         return R, x_dot[:, :3], _vee(np.swapaxes(R, 1, 2) @ R_dot), R_dot
 
     def state(self, q: np.ndarray, u: np.ndarray) -> State:
         """Return poses and velocities of all parts at coordinates q and speeds u."""
-        R, v, Omega, _ = self._velocities(q, self._at("q_dot", q, u).ravel())
-        return State(self._at("poses", q).reshape(-1, 12)[:, :3], R, v, Omega)
+        R, v, Omega, _ = self._compute_velocities(q, self._evaluate("q_dot", q, u).ravel())
+        return State(self._evaluate("poses", q).reshape(-1, 12)[:, :3], R, v, Omega)
 
-    def samples(self, start: Float[np.ndarray, " nq"]) -> list[Sample]:
-        """Return up to ``STATES`` samples, the first at coordinates ``start``, the others at random ones near them.
+    def draw_samples(self, start: Float[np.ndarray, " nq"]) -> list[Sample]:
+        """Return up to ``STATES`` samples, the first at coordinates ``start``, the others at random ones near it.
 
-        All have closed loops and random speeds that the constraints allow. Raise ValueError if loops cannot be closed
-        at the first.
+        All have closed loops and random speeds that the constraints allow; coordinates whose loops do not close are
+        left out. Raise ValueError if they do not close at the first.
         """
         from scipy.linalg import null_space
 
@@ -261,43 +263,45 @@ class _Equations:
         # closer to the start, where a loop does not reach so far
         for reach in (0.0, *np.geomspace(REACH, 0.1 * REACH, 4 * STATES)):
             q = self._close_loops(start + reach * random.standard_normal(len(start)))
-            if np.max(np.abs(self._at("closing", q)), initial=0.0) > CLOSED:
+            if np.max(np.abs(self._evaluate("gaps", q)), initial=0.0) > CLOSED:
                 if not out:
                     raise ValueError("no pose near the start satisfies its configuration constraints")
                 continue
-            C = self._at("allowed", q)
+            C = self._evaluate("speed_rows", q)
             free = null_space(C, rcond=NEAR) if len(C) else np.eye(len(self.u))
-            out.append(self._sample(q, free @ random.standard_normal(free.shape[1]), free))
+            out.append(self._make_sample(q, free @ random.standard_normal(free.shape[1]), free))
             if len(out) == STATES:
                 break
         return out
 
-    def _sample(self, q: np.ndarray, u: np.ndarray, free: np.ndarray) -> Sample:
+    def _make_sample(self, q: np.ndarray, u: np.ndarray, free: np.ndarray) -> Sample:
         """Return the sample at q and u: poses and velocities, allowed twists, and accelerations by SymPy's equations.
 
-        The columns of ``free`` span the speeds that the constraints allow.
+        The columns of ``free`` span the speeds that the constraints allow. Raise ValueError if the mass matrix is
+        singular.
         """
         nq, state = len(q), self.state(q, u)
         try:
-            full = np.linalg.solve(self._at("mass", q, u), self._at("force", q, u).ravel())
+            full = np.linalg.solve(self._evaluate("mass", q, u), self._evaluate("force", q, u).ravel())
         except np.linalg.LinAlgError:
             raise ValueError("the mass matrix of its equations is singular, as with a mass or length of 0") from None
-        q_dot = self._at("q_dot", q, u).ravel()
-        q_ddot = self._at("bent", q, u).ravel() + self._at("along", q, u) @ full[nq : nq + len(u)]
-        x_ddot = (self._at("turning", q, u).ravel() + self._at("slope", q) @ q_ddot).reshape(-1, 12)
-        R, _, _, R_dot = self._velocities(q, q_dot)
+        q_dot = self._evaluate("q_dot", q, u).ravel()
+        q_ddot = self._evaluate("q_bias", q, u).ravel() + self._evaluate("q_jacobian", q, u) @ full[nq : nq + len(u)]
+        bias = self._evaluate("pose_bias", q, u).ravel()
+        x_ddot = (bias + self._evaluate("pose_jacobian", q) @ q_ddot).reshape(-1, 12)
+        R, _, _, R_dot = self._compute_velocities(q, q_dot)
         R_ddot = x_ddot[:, 3:].reshape(-1, 3, 3)
         spin = _vee(np.swapaxes(R, 1, 2) @ R_ddot + np.swapaxes(R_dot, 1, 2) @ R_dot)
         twists = []
-        for column in (self._at("along", q) @ free).T:
-            _, v, Omega, _ = self._velocities(q, column)
+        for column in (self._evaluate("q_jacobian", q) @ free).T:
+            _, v, Omega, _ = self._compute_velocities(q, column)
             twists.append(np.hstack((v, Omega)).ravel())
         return Sample(state, np.array(twists).reshape(-1, 6 * len(self.parts)).T, np.hstack((x_ddot[:, :3], spin)))
 
     def _close_loops(self, q: np.ndarray) -> np.ndarray:
         """Return q after Newton's iteration to close the loops, which ends after 50 steps even if they are open."""
-        move = lambda q, gap: q - np.linalg.lstsq(self._at("opening", q), gap, rcond=None)[0]  # noqa: E731
-        return close_gaps(q, lambda q: self._at("closing", q).ravel(), move, 0.1 * CLOSED, 50)
+        move = lambda q, gap: q - np.linalg.lstsq(self._evaluate("gap_jacobian", q), gap, rcond=None)[0]  # noqa: E731
+        return close_gaps(q, lambda q: self._evaluate("gaps", q).ravel(), move, 0.1 * CLOSED, 50)
 
 
 def _vee(W: Float[np.ndarray, "nb 3 3"]) -> Float[np.ndarray, "nb 3"]:

@@ -74,6 +74,7 @@ class UrdfDocument:
     """A URDF that has been checked; ``text`` is the part of it that MuJoCo reads."""
 
     def __init__(self, path: Path) -> None:
+        """Read and check the file; raise ElementRefusal, a ValueError, for what is not supported."""
         self._root = parse_xml(path)
         if self._root.tag != "robot":
             raise ElementRefusal(self._root, "expected a robot element")
@@ -109,7 +110,10 @@ class UrdfDocument:
                 self.locked += 1
         self._parent = {_read_end(joint, "child"): joint for joint in self._joints}
         self._check_masses()
-        self.fuses = self._nests_free_links()  # whether MuJoCo must merge links fixed to each other
+        nested = self._find_nested_floating_joint()
+        self.fuses = nested is not None  # MuJoCo frees only links of the ground: fixed links must then be merged
+        if nested is not None:
+            self._check_massless_links(nested)
         self.text = self._format_reduced()
 
     @property
@@ -137,9 +141,9 @@ class UrdfDocument:
         for e in self._root.findall("link/inertial"):
             for tag in {"mass", "inertia"} - {part.tag for part in e}:
                 raise ElementRefusal(e, f"expected mass and inertia (got no {tag})")
-            _read_number(e.findall("mass")[0], "value", given=True)
+            _read_number(e.findall("mass")[0], "value", required=True)
             inertia = e.findall("inertia")[0]
-            six = {k: _read_number(inertia, k, given=True) for k in SIX}
+            six = {k: _read_number(inertia, k, required=True) for k in SIX}
             for name, twin in TRANSPOSED.items():
                 if name in inertia.attrib and _read_number(inertia, name) != six[twin]:
                     raise ElementRefusal(
@@ -168,21 +172,24 @@ class UrdfDocument:
                     f"{same[0].get('name')!r}; a URDF is a tree",
                 )
 
-    def _root_link(self) -> str:
+    def _find_root_link(self) -> str:
         """Return the name of the only link without a parent; raise ElementRefusal if there is none or more than one."""
         roots = [name for name in self._links if name not in self._parent]
         if len(roots) != 1:
             raise ElementRefusal(self._root, f"expected one link without a parent (got {', '.join(roots) or 'none'})")
         return roots[0]
 
-    def _nests_free_links(self) -> bool:
-        """Return whether MuJoCo must merge links fixed to each other: a floating joint does not start at the root.
+    def _find_nested_floating_joint(self) -> ET.Element | None:
+        """Return the first floating joint whose parent is a link other than the root; None if there is none."""
+        floating = (j for j in self._joints if j.get("type") == "floating")
+        return next((j for j in floating if _read_end(j, "parent") != self._find_root_link()), None)
 
-        MuJoCo frees only links of the ground. Raise ElementRefusal for a link with inertia but no mass, which merging
-        loses.
+    def _check_massless_links(self, nested: ET.Element) -> None:
+        """Raise ElementRefusal for a link with inertia but no mass, since merging fixed links would lose its inertia.
+
+        ``nested`` is the floating joint for which they are merged, which the message names.
         """
-        free = [j for j in self._joints if j.get("type") == "floating" and _read_end(j, "parent") != self._root_link()]
-        for name, link in self._links.items() if free else ():
+        for name, link in self._links.items():
             mass, inertia = (link.find(f"inertial/{tag}") for tag in ("mass", "inertia"))
             if mass is None or inertia is None or _read_number(mass, "value") != 0.0:
                 continue
@@ -190,12 +197,14 @@ class UrdfDocument:
                 raise ElementRefusal(
                     link,
                     f"{name!r} has inertia and no mass, which is not supported beside joint "
-                    f"{free[0].get('name')!r}; give it some",
+                    f"{nested.get('name')!r}; give it some",
                 )
-        return bool(free)
 
     def _format_reduced(self) -> str:
-        """Return the file as text without shapes and other omitted parts, and without inertials of links at rest."""
+        """Return the file as text without shapes and other omitted parts, and without inertials of links at rest.
+
+        The root link gets the name ``world``, unless a link has it.
+        """
         out = ET.Element(self._root.tag, dict(self._root.attrib))
         for e in self._root:
             if e.tag == "mujoco":
@@ -204,7 +213,7 @@ class UrdfDocument:
                 own = ET.SubElement(out, e.tag, dict(e.attrib))
                 moves = e.tag == "joint" or self._find_carrier(e.get("name", "")) in self._parent
                 own.extend(part for part in e if moves and part.tag in VOCABULARY.children[e.tag])
-        root = self._root_link()
+        root = self._find_root_link()
         if "world" not in self._links:  # MuJoCo's name of the ground
             for e in out.iter():
                 if e.get("name") == root and e.tag == "link":
@@ -216,21 +225,25 @@ class UrdfDocument:
                 e.set(name, " ".join(value.split()))
         return ET.tostring(out, encoding="unicode")
 
-    def explain(self, message: str) -> str:
-        """Return MuJoCo's ``message``; raise ElementRefusal in the file's terms if an inertia is no rigid body's."""
-        for name, link, J in self._inertias():
+    def explain_error(self, message: str) -> str:
+        """Return MuJoCo's ``message``, unless the inertia of a link explains it: raise ElementRefusal for that link."""
+        for name, link, J in self._list_inertias():
             a, b, c = np.linalg.eigvalsh(J)
             if a < -NONE * c or a + b < c * (1.0 - ROUNDED):
-                said = f"its principal moments are {a:.6g}, {b:.6g} and {c:.6g} kg m2"
-                more = f"the largest by {c - a - b:.3g} more than the other two together"
-                law = "negative" if a < -NONE * c else more
+                moments = f"its principal moments are {a:.6g}, {b:.6g} and {c:.6g} kg m2"
+                excess = f"the largest by {c - a - b:.3g} more than the other two together"
+                violation = "negative" if a < -NONE * c else excess
                 raise ElementRefusal(
-                    link, f"no rigid body has the inertia of {name!r}: {said}, {law}; correct its six numbers"
+                    link, f"no rigid body has the inertia of {name!r}: {moments}, {violation}; correct its six numbers"
                 )
         return message
 
     def _is_locked(self, joint: ET.Element) -> bool:
-        """Return whether equal limits, at 0, lock a joint; one without limits is free, and counted as such."""
+        """Return whether both limits of a joint are 0, so that they lock it.
+
+        A joint with limits in its type but none in the file is free here, and counted as omitted. Raise ElementRefusal
+        for a lower limit above the upper one, and for equal limits other than 0.
+        """
         limit = joint.find("limit")
         if joint.get("type") not in LIMITED:
             return False
@@ -273,8 +286,8 @@ class UrdfDocument:
             name = _read_end(self._parent[name], "parent")
         return name
 
-    def _inertias(self) -> Iterator[tuple[str, ET.Element, np.ndarray]]:
-        """Yield name, inertia element and inertia [kg m2] of each link that has one."""
+    def _list_inertias(self) -> Iterator[tuple[str, ET.Element, np.ndarray]]:
+        """Yield name, inertia element and inertia about C [kg m2] of each link that has one."""
         for name, link in self._links.items():
             if (e := link.find("inertial/inertia")) is not None:
                 xx, yy, zz, xy, xz, yz = (_read_number(e, k) for k in SIX)
@@ -295,9 +308,9 @@ def _require_vector(e: ET.Element, name: str) -> None:
         _parse_finite(e, name, text)
 
 
-def _read_number(e: ET.Element, name: str, given: bool = False) -> float:
-    """Return the attribute ``name`` as a finite number; a missing one is 0, or refused if it must be ``given``."""
-    if given and name not in e.attrib:
+def _read_number(e: ET.Element, name: str, required: bool = False) -> float:
+    """Return the attribute ``name`` as a finite number; a missing one is 0, or refused if it is ``required``."""
+    if required and name not in e.attrib:
         raise ElementRefusal(e, f"expected attribute {name!r}")
     return _parse_finite(e, name, e.get(name, "0"))
 

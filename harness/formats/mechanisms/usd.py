@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from ...mechanics.joints import JointKind
 from ...mechanics.system import GROUND
 from .links import Connection, Frame, Link
-from .usd_words import TYPES, check
+from .usd_words import TYPES, check_properties
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 SHEAR = 1e-5  # shear of a transform: more than the rounding of float32
@@ -42,7 +42,7 @@ FREE: dict[tuple[str, ...], tuple[JointKind, str]] = {
     ("rotX", "rotY", "rotZ"): (JointKind.SPHERICAL, "X"),
 }
 # freedoms of a PhysicsJoint
-WAYS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
+FREEDOMS = ("transX", "transY", "transZ", "rotX", "rotY", "rotZ")
 LIMITED = ("PhysicsRevoluteJoint", "PhysicsPrismaticJoint")
 GRAVITY, STEP = 9.81, 1e-3  # defaults where the stage has none
 
@@ -65,7 +65,8 @@ class Document:
     """The links, joints, gravity [m/s2, space] and step [s] of a stage, and counts of what is omitted."""
 
     def __init__(self, path: Path) -> None:
-        self.usd, self.geom, self.physics = _library()
+        """Read the stage of a file; raise PrimRefusal, a ValueError, for what is not supported."""
+        self.usd, self.geom, self.physics = _import_usd()
         stage = _open_stage(path)
         self.metre = float(self.geom.GetStageMetersPerUnit(stage))
         self.kilogram = float(self.physics.GetStageKilogramsPerUnit(stage))
@@ -79,36 +80,37 @@ class Document:
         prims = list(stage.Traverse(self.usd.TraverseInstanceProxies()))
         up = np.eye(3)["XYZ".index(self.geom.GetStageUpAxis(stage))]
         for prim in prims:
-            self._check(prim)
+            self._check_prim(prim)
         scenes = [p for p in prims if p.IsA(self.physics.Scene)]
-        found = [self._gravity(self.physics.Scene(p), up) for p in scenes] or [-GRAVITY * up]
+        found = [self._read_gravity(self.physics.Scene(p), up) for p in scenes] or [-GRAVITY * up]
         for prim, other in zip(scenes[1:], found[1:], strict=True):
             if not np.array_equal(other, found[0]):
                 raise PrimRefusal(prim, f"{scenes[0].GetPath()} has another gravity; give one scene")
         self.gravity = found[0]
         self.number = {p.GetPath(): k for k, p in enumerate(filter(self._is_body, prims))}
-        self.links = [self._link(p) for p in prims if p.GetPath() in self.number]
-        self.joints = [c for p in prims for c in self._joint(p)]
+        self.links = [self._make_link(p) for p in prims if p.GetPath() in self.number]
+        self.joints = [c for p in prims for c in self._make_joints(p)]
         self.omitted["collision shapes"] = sum(p.HasAPI(self.physics.CollisionAPI) for p in prims)
 
-    def _check(self, prim: Any) -> None:
-        """Raise PrimRefusal for a prim of the mechanism with unknown parts; count what is omitted."""
+    def _check_prim(self, prim: Any) -> None:
+        """Raise PrimRefusal if a prim of the mechanism has properties that are not supported; count what is omitted."""
         kind = str(prim.GetTypeName())
         if kind.startswith(("Phys", "Newton", "Mjc")) and not TYPES.match(kind):
             self.omitted[f"prims {kind}"] += not COUPLES.search(kind)  # those are refused together with their joints
         elif not (TYPES.match(kind) or prim.HasAPI(self.physics.RigidBodyAPI) or prim.HasAPI(self.physics.MassAPI)):
             return
-        if words := check(prim, self.omitted):
+        if words := check_properties(prim, self.omitted):
             raise PrimRefusal(prim, words)
 
-    def _gravity(self, scene: Any, up: np.ndarray) -> np.ndarray:
-        """Return gravity [m/s2, space] of a scene; if it gives no direction or magnitude, the default one.
+    def _read_gravity(self, scene: Any, up: np.ndarray) -> np.ndarray:
+        """Return gravity [m/s2, space] of a scene.
 
-        The default direction is opposite to ``up``.
+        A direction that it lacks is opposite to ``up``, a magnitude that it lacks is ``GRAVITY``.
         """
-        way, size = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float), scene.GetGravityMagnitudeAttr().Get()
-        way = way / np.linalg.norm(way) if np.any(way) else -up
-        out: np.ndarray = way * (GRAVITY if size < 0.0 else self.metre * size)
+        direction = np.array(scene.GetGravityDirectionAttr().Get(), dtype=float)
+        size = scene.GetGravityMagnitudeAttr().Get()
+        direction = direction / np.linalg.norm(direction) if np.any(direction) else -up
+        out: np.ndarray = direction * (GRAVITY if size < 0.0 else self.metre * size)
         return out
 
     def _is_body(self, prim: Any) -> bool:
@@ -120,8 +122,8 @@ class Document:
             raise PrimRefusal(prim, "kinematic bodies are not supported")
         return bool(body.GetRigidBodyEnabledAttr().Get())
 
-    def _link(self, prim: Any) -> Link:
-        """Return the body of a prim in SI units; raise PrimRefusal if its mass properties are left to shapes."""
+    def _make_link(self, prim: Any) -> Link:
+        """Return the body of a prim in SI units; raise PrimRefusal if mass properties or velocities are not usable."""
         mass = self.physics.MassAPI(prim)
         m, moments = mass.GetMassAttr().Get() or 0.0, np.array(mass.GetDiagonalInertiaAttr().Get() or (0.0,) * 3)
         if not m > 0.0 or not np.any(moments):
@@ -133,8 +135,8 @@ class Document:
             centre = np.zeros(3)
         if prim.GetAttribute("physxRigidBody:disableGravity").Get():
             raise PrimRefusal(prim, "gravity cannot be switched off for a body")
-        body, outside = self.physics.RigidBodyAPI(prim), self._frame(prim.GetParent(), np.zeros(3)).R
-        C = self._frame(prim, centre, mass.GetPrincipalAxesAttr().Get())
+        body, outside = self.physics.RigidBodyAPI(prim), self._find_frame(prim.GetParent(), np.zeros(3)).R
+        C = self._find_frame(prim, centre, mass.GetPrincipalAxesAttr().Get())
         rates = (body.GetVelocityAttr(), body.GetAngularVelocityAttr())
         if not np.all(np.isfinite([a.Get() for a in rates])):
             raise PrimRefusal(prim, f"velocities must be finite (got {rates[0].Get()}, {rates[1].Get()})")
@@ -149,8 +151,8 @@ class Document:
             np.radians(omega),
         )
 
-    def _joint(self, prim: Any) -> Iterator[Connection]:
-        """Yield the joint of a prim; yield nothing if it is no joint, is disabled, or leaves all freedoms."""
+    def _make_joints(self, prim: Any) -> Iterator[Connection]:
+        """Yield the joint of a prim, fixed if limits lock it; nothing for no joint, a disabled one, or six freedoms."""
         kind = str(prim.GetTypeName())
         schemas = prim.GetPrimTypeInfo().GetAppliedAPISchemas()
         for odd in filter(COUPLES.search, (kind, *schemas)):
@@ -163,7 +165,7 @@ class Document:
             self.omitted["disabled joints"] += 1
             return
         ends = [
-            self._end(prim, *side)
+            self._find_end(prim, *side)
             for side in (
                 (joint.GetBody1Rel(), joint.GetLocalPos1Attr(), joint.GetLocalRot1Attr()),
                 (joint.GetBody0Rel(), joint.GetLocalPos0Attr(), joint.GetLocalRot0Attr()),
@@ -177,8 +179,8 @@ class Document:
         )
         sort, length, letter, drive = KINDS.get(kind), 0.0, prim.GetAttribute("physics:axis").Get() or "X", ""
         if sort is None:
-            free = tuple(w for w in WAYS if not self._is_locked(prim, w))
-            if free == WAYS:
+            free = tuple(w for w in FREEDOMS if not self._is_axis_locked(prim, w))
+            if free == FREEDOMS:
                 return
             if free not in FREE:
                 raise PrimRefusal(prim, f"a joint that leaves {', '.join(free)} free is not supported")
@@ -195,7 +197,7 @@ class Document:
             length = self.metre * limits[0]
         elif kind in LIMITED:
             limits = [float(prim.GetAttribute(f"physics:{k}Limit").Get()) for k in ("lower", "upper")]
-            if self._is_locked_by(prim, *limits):
+            if self._do_limits_lock(prim, *limits):
                 sort, drive = JointKind.FIXED, ""
                 self.locked += 1
             else:
@@ -205,23 +207,23 @@ class Document:
             self.omitted["limits"] += any(a is not None and math.isfinite(a) and a >= 0.0 for a in cone)
         others = [s for s in schemas if s.startswith("PhysicsDriveAPI:") and s != f"PhysicsDriveAPI:{drive}"]
         self.omitted["drives of joints with several axes"] += len(others)
-        stiffness, rest, damping = self._drive(prim, drive) if drive else (0.0, 0.0, 0.0)
+        stiffness, rest, damping = self._read_drive(prim, drive) if drive else (0.0, 0.0, 0.0)
         yield Connection(
             str(prim.GetPath()), sort, child, parent, in_child, in_parent, axis, None, length, stiffness, rest, damping
         )
 
-    def _is_locked(self, prim: Any, way: str) -> bool:
-        """Return whether limits of a PhysicsJoint lock ``way``, one of ``WAYS``; count other limits as omitted."""
-        if not prim.HasAPI(self.physics.LimitAPI, way):
+    def _is_axis_locked(self, prim: Any, freedom: str) -> bool:
+        """Return whether limits of a PhysicsJoint lock ``freedom``, one of ``FREEDOMS``; count other limits."""
+        if not prim.HasAPI(self.physics.LimitAPI, freedom):
             return False
-        limit = self.physics.LimitAPI(prim, way)
+        limit = self.physics.LimitAPI(prim, freedom)
         low, high = limit.GetLowAttr().Get(), limit.GetHighAttr().Get()
-        if self._is_locked_by(prim, low, high):
+        if self._do_limits_lock(prim, low, high):
             return True
         self.omitted["limits"] += math.isfinite(low) or math.isfinite(high)
         return False
 
-    def _is_locked_by(self, prim: Any, low: float, high: float) -> bool:
+    def _do_limits_lock(self, prim: Any, low: float, high: float) -> bool:
         """Return whether limits leave no motion: both 0, or in reverse order, by which USD locks an axis.
 
         Raise PrimRefusal if they are equal and not 0.
@@ -230,8 +232,11 @@ class Document:
             raise PrimRefusal(prim, f"limits that lock a joint must be 0 (got {low:g}); place the body there")
         return low >= high
 
-    def _drive(self, prim: Any, name: str) -> tuple[float, float, float]:
-        """Return stiffness, rest and damping of the drive ``name`` in SI units; raise PrimRefusal for other drives."""
+    def _read_drive(self, prim: Any, name: str) -> tuple[float, float, float]:
+        """Return stiffness [N m/rad, N/m], rest [rad, m] and damping [N m s/rad, N s/m] of the drive ``name``.
+
+        All are 0 without it. Raise PrimRefusal for drives that are not of type force or have a target velocity.
+        """
         if not prim.HasAPI(self.physics.DriveAPI, name):
             return 0.0, 0.0, 0.0
         drive = self.physics.DriveAPI(prim, name)
@@ -246,10 +251,10 @@ class Document:
         target = float(drive.GetTargetPositionAttr().Get())
         return unit * k, math.radians(target) if angular else self.metre * target, unit * c
 
-    def _end(self, joint: Any, body: Any, position: Any, turn: Any) -> tuple[int, Frame]:
-        """Return the number of the body at an end of a joint, and the joint's frame in space as fixed to that body.
+    def _find_end(self, joint: Any, body: Any, position: Any, rotation: Any) -> tuple[int, Frame]:
+        """Return the number of the body at an end of a joint, or GROUND, and the joint's frame in space as fixed to it.
 
-        ``body``, ``position`` and ``turn`` are the joint's relationship and attributes for this end.
+        ``body``, ``position`` and ``rotation`` are the joint's relationship and attributes for this end.
         """
         targets = body.GetForwardedTargets()
         prim = joint.GetStage().GetPrimAtPath(targets[0] if targets else "/")
@@ -258,16 +263,16 @@ class Document:
         holder = prim
         while holder and holder.GetPath() not in self.number:
             holder = holder.GetParent()
-        place = self._frame(prim, np.array(position.Get(), dtype=float), turn.Get())
+        place = self._find_frame(prim, np.array(position.Get(), dtype=float), rotation.Get())
         return self.number[holder.GetPath()] if holder else GROUND, place
 
-    def _frame(self, prim: Any, p: np.ndarray, turn: Any = None) -> Frame:
-        """Return the frame in space [m] of the point ``p`` and axes ``turn`` (a quaternion) of a prim.
+    def _find_frame(self, prim: Any, p: np.ndarray, rotation: Any = None) -> Frame:
+        """Return the frame in space [m] of the point ``p`` and axes ``rotation`` (a quaternion) of a prim.
 
         The prim's scale applies to the point. Raise PrimRefusal if its transform is not finite, shears or mirrors.
         """
         T = np.array(self._places.GetLocalToWorldTransform(prim)).T
-        x = np.array([0.0, 0.0, 0.0, 0.0] if turn is None else [*turn.GetImaginary(), turn.GetReal()])
+        x = np.array([0.0, 0.0, 0.0, 0.0] if rotation is None else [*rotation.GetImaginary(), rotation.GetReal()])
         if not (all(np.all(np.isfinite(a)) for a in (T, p, x)) and np.all(np.any(T[:3, :3], axis=0))):
             raise PrimRefusal(prim, "its transform and points must be finite, its scale not 0")
         axes = T[:3, :3] / np.linalg.norm(T[:3, :3], axis=0)
@@ -277,7 +282,7 @@ class Document:
         return Frame(self.metre * (T[:3, :3] @ p + T[:3, 3]), R @ Rotation.from_quat(x).as_matrix() if np.any(x) else R)
 
 
-def _library() -> tuple[Any, Any, Any]:
+def _import_usd() -> tuple[Any, Any, Any]:
     """Return the modules Usd, UsdGeom and UsdPhysics; raise ValueError if they are not installed."""
     try:
         usd, geom, physics = (importlib.import_module(f"pxr.{name}") for name in ("Usd", "UsdGeom", "UsdPhysics"))
@@ -288,7 +293,7 @@ def _library() -> tuple[Any, Any, Any]:
 
 def _open_stage(path: Path) -> Any:
     """Return the stage of a file; raise ValueError with a message of one line if it cannot be composed."""
-    usd, tf = _library()[0], importlib.import_module("pxr.Tf")
+    usd, tf = _import_usd()[0], importlib.import_module("pxr.Tf")
     try:
         stage = usd.Stage.Open(str(path))
     except tf.ErrorException as error:

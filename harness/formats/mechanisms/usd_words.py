@@ -50,8 +50,8 @@ SCHEMAS = re.compile(
 TYPES = re.compile(r"Physics(Scene|CollisionGroup|\w*Joint)$")
 
 
-def check(prim: Any, omitted: Counter[str]) -> str:
-    """Add the omitted parts of a prim of a mechanism to ``omitted``; return why it is refused, empty if it is not.
+def check_properties(prim: Any, omitted: Counter[str]) -> str:
+    """Count the omitted properties of a mechanism's prim in ``omitted``; return why it is refused, empty if it is not.
 
     It is refused for an unknown property that may act on a motion, and for locked axes of a body.
     """
@@ -62,14 +62,14 @@ def check(prim: Any, omitted: Counter[str]) -> str:
         name, space = str(found.GetName()), str(found.GetName()).split(":", maxsplit=1)[0]
         if space in ("physics", "drive", "limit"):
             if name not in READ and not OF_AXES.match(name):
-                value = _value(prim, name)
+                value = _read_value(prim, name)
                 if _has_effect(value) and not isinstance(value, str):
                     return f"property {name} is not supported"
                 omitted[f"properties {name}"] += 1  # zero, or text
             continue
         if str(prim.GetTypeName()) == "PhysicsScene":  # settings of how engines compute
             continue
-        value = _value(prim, name) if FOREIGN.match(space) else None
+        value = _read_value(prim, name) if FOREIGN.match(space) else None
         if not _has_effect(value):
             continue
         if LOCKS.match(name):
@@ -79,7 +79,7 @@ def check(prim: Any, omitted: Counter[str]) -> str:
     return ""
 
 
-def _value(prim: Any, name: str) -> Any:
+def _read_value(prim: Any, name: str) -> Any:
     """Return the value of the attribute ``name`` of a prim; None if it has no such attribute."""
     attribute = prim.GetAttribute(name)
     return attribute.Get() if attribute else None

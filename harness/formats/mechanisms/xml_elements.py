@@ -50,7 +50,7 @@ class Vocabulary:
     ignored: frozenset[str] = frozenset()
 
     def check_element(self, e: ET.Element, omitted: Counter[str], kind: str = "") -> None:
-        """Check ``e`` and all elements below it: count what is omitted in ``omitted``, refuse what is unknown.
+        """Check ``e`` and all elements below it: count in ``omitted`` what is left out, refuse what is unknown.
 
         ``kind`` is the name of ``e`` in the vocabulary if that is not its tag alone: ``"world physics"`` is the tag of
         the parent and its own. A refusal is an ElementRefusal.
@@ -71,7 +71,7 @@ class Vocabulary:
                 raise ElementRefusal(part, f"not supported within {kind}")
 
     def _check_attributes(self, e: ET.Element, kind: str, omitted: Counter[str]) -> None:
-        """Add the omitted attributes of ``e`` to ``omitted``; raise ElementRefusal for an unknown one."""
+        """Count the omitted attributes of ``e``, an element of this ``kind``, in ``omitted``; refuse an unknown one."""
         known = self.attributes.get(kind, self.attributes.get(e.tag, frozenset()))
         for name in e.attrib:
             if ":" in name or name == "xmlns":
@@ -93,11 +93,11 @@ def parse_xml(path: Path) -> ET.Element:
     text = content.lstrip() if content[:2] not in (b"\xff\xfe", b"\xfe\xff") else content
     before = content[: len(content) - len(text)].count(b"\n")
 
-    def begin(tag: str, attributes: dict[str, str]) -> None:
-        """Begin an element, with the line where its tag starts."""
+    def start_element(tag: str, attributes: dict[str, str]) -> None:
+        """Start an element, with the line where its tag starts."""
         builder.start(tag, attributes).line = parser.CurrentLineNumber + before  # type: ignore[attr-defined]
 
-    parser.StartElementHandler, parser.EndElementHandler = begin, builder.end
+    parser.StartElementHandler, parser.EndElementHandler = start_element, builder.end
     parser.CharacterDataHandler = builder.data
     try:
         parser.Parse(text, True)
@@ -110,7 +110,7 @@ def parse_xml(path: Path) -> ET.Element:
 
 
 def is_true(e: ET.Element, tag: str, default: str = "false") -> bool:
-    """Return the value of the Boolean child element ``tag`` of ``e``, or ``default`` if there is none.
+    """Return the value of the Boolean child element ``tag`` of ``e``, or ``default`` if there is none or it is empty.
 
     Raise ElementRefusal for any text but true, false, 1 and 0.
     """

@@ -10,7 +10,7 @@ from ...mechanics.types import Problem
 from .columns import Quantities
 from .conventions import Reading
 from .reading import ROUNDING, Motion, Origin, differentiate, differentiate_rotations
-from .rows import bound_travel, describe_norms, describe_rest, lacks_only_start
+from .rows import bound_travel, describe_late_rows, describe_norms, lacks_only_start
 
 SMALL = 1e-4  # relative to the size: for a start that is off by less, the message offers --start-tolerance
 DIGITS = 4.0  # allowed difference in half units of the last digit, since values are products of printed numbers
@@ -32,6 +32,8 @@ def check_motion(
 
     ``found`` are the file's columns, ``how`` the units and frames by which they were read, ``motion`` the result.
     ``tolerance`` is the allowed difference of the start in SI units; None allows what the printed digits leave open.
+    Notes are on columns that are not read, a late first row, rows after the end, norms of quaternions, and velocities
+    that contradict the poses.
     """
     if motion.t[0] > 0.0 and not lacks_only_start(motion.t):
         raise FileError(
@@ -43,7 +45,7 @@ def check_motion(
             _check_start(problem, found, how, motion, name, path, tolerance)
     more = f" and {len(found.unread) - MOST} more" if len(found.unread) > MOST else ""
     notes = [*found.notes, f"not read: {', '.join(found.unread[:MOST])}{more}"] if found.unread else [*found.notes]
-    notes += describe_norms(found) + describe_rest(motion.t, problem.t_end)
+    notes += describe_norms(found) + describe_late_rows(motion.t, problem.t_end)
     if motion.t[0] > 0.0:
         notes.append(f"its first row is at t = {motion.t[0]:.6g} s: the start of {problem.name} was put before it")
     if "E" in found.quantities and not how.reads_euler and not {"q", "R"} & found.quantities.keys():
@@ -57,7 +59,7 @@ def check_motion(
     for name, differences in rates.items():
         if motion.origin[name] is not Origin.FILE:
             continue
-        if (off := _measure_difference(getattr(motion, name), differences(), rounding[name])) > APART:
+        if (off := _measure_rate_error(getattr(motion, name), differences(), rounding[name])) > APART:
             words = f"{QUANTITIES[name][0]} are off by {100.0 * off:.3g} % from the rates of the poses in the file"
             notes.append(f"{words} ({_describe_options(how, name)})")
     return notes
@@ -68,21 +70,22 @@ def _check_start(
 ) -> None:
     """Raise FileError, with a remedy, unless the quantity ``name`` (r, R, v, Omega) of the first row is the start's.
 
-    The difference may be ``tolerance``, or what the digits leave open, plus what the motion travels until a late first
-    row.
+    The difference may be ``tolerance`` [SI] or, if that is None, what the printed digits leave open, plus what the
+    motion travels until a late first row.
     """
     given, exact = getattr(motion, name)[0], getattr(problem.initial, name)
     gap = np.abs(given - exact).reshape(len(exact), -1)
     first = {k: np.max(a[0], axis=1, keepdims=True) for k, a in found.resolution.items()}
-    # each entry of R may change by rotations about two axes
+    # from the digits of each column those of r, R, v and Omega: an entry of R may change by rotations about two axes
     angles = 2.0 * found.factor("E", how) * first.get("E", 0.0)
-    turn = 2.0 * first["q"] if "q" in first else first.get("R", angles)
-    turned = turn * np.max(np.abs(exact)) if how.omega == "space" else 0.0
+    of_rotation = 2.0 * first["q"] if "q" in first else first.get("R", angles)
+    # Omega in space is turned to the body by R
+    of_frame = of_rotation * np.max(np.abs(exact)) if how.omega == "space" else 0.0
     printed = {
-        "R": turn,
+        "R": of_rotation,
         "r": found.factor("r", how) * first["r"],
         "v": found.factor("v", how) * first.get("v", 0.0),
-        "Omega": found.factor("Omega", how) * first.get("Omega", 0.0) + turned,
+        "Omega": found.factor("Omega", how) * first.get("Omega", 0.0) + of_frame,
     }[name]
     most = DIGITS * printed + ROUNDED * (1.0 + np.max(np.abs(exact))) if tolerance is None else tolerance
     allowed = np.broadcast_to(most + bound_travel(problem, float(motion.t[0]))[name], gap.shape)
@@ -97,13 +100,13 @@ def _check_start(
         f"mbsbench export {problem.name} prints the start"
         + (
             f"; --start-tolerance {_round_up(gap[body])} takes it as it is"
-            if np.max(gap) < SMALL * _size(exact)
+            if np.max(gap) < SMALL * _find_scale(exact)
             else ""
         )
     )
 
 
-def _size(exact: np.ndarray) -> float:
+def _find_scale(exact: np.ndarray) -> float:
     """Return the largest magnitude of the values, but at least 1."""
     return max(1.0, float(np.max(np.abs(exact))))
 
@@ -120,10 +123,11 @@ def _describe_options(how: Reading, name: str) -> str:
     return ", ".join(f"--{n} {getattr(how, n)}" for n in QUANTITIES[name][2])
 
 
-def _measure_difference(given: np.ndarray, exact: np.ndarray | None, least: float) -> float:
-    """Return the largest difference of ``given`` velocities from those of the poses, ``exact``, relative to these.
+def _measure_rate_error(given: np.ndarray, exact: np.ndarray | None, least: float) -> float:
+    """Return the largest difference of ``given`` velocities from the rates of the poses, ``exact``, relative to these.
 
-    It is 0 if these are unknown or no larger than ``least``, their rounding.
+    It is 0 if the rates are unknown or no larger than ``least``, their rounding, or if a velocity is not finite. Two
+    rows at either end do not count.
     """
     if exact is None or not np.all(np.isfinite(given)):
         return 0.0

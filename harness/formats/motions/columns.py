@@ -63,9 +63,9 @@ class Quantities:
     notes: tuple[str, ...] = ()
 
     def factor(self, name: str, how: Reading) -> float:
-        """Return the SI value of one unit of ``name``, a quantity or ``t``: 1 if the file states a unit.
+        """Return the SI value of one unit of ``name``, a quantity or ``t``, as read with the units of ``how``.
 
-        Otherwise it is that of the unit in ``how``.
+        It is 1 if the file states a unit, which is applied already.
         """
         if name in self.units:
             return 1.0
@@ -79,9 +79,10 @@ class Quantities:
 
 
 def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[str, str]) -> Quantities:
-    """Return the quantities of ``table``; raise FileError if time or positions are missing, or a column occurs twice.
+    """Return the quantities of ``table`` for all bodies of these names, in the units that the file states.
 
-    ``renamed`` maps names in the file to ours.
+    One array for all bodies is preferred to a column per component. ``renamed`` maps names in the file to ours. Raise
+    FileError if time or positions are missing, a column is read twice, or a unit or a name in ``renamed`` is unknown.
     """
     for asked in renamed:
         if asked not in table.columns:
@@ -101,11 +102,11 @@ def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[
     for name, quantity in QUANTITIES.items():
         width = len(quantity.components)
         whole = next(
-            (k for k in _name_arrays(name, quantity, table, renamed) if columns[k].size == nt * nb * width), None
+            (k for k in _list_array_names(name, quantity, table, renamed) if columns[k].size == nt * nb * width), None
         )
         if whole is not None:
-            quantities[name] = _reshape(columns[whole], nb, width)
-            coarse[name] = _reshape(resolution[whole], nb, width)
+            quantities[name] = _order_axes(columns[whole], nb, width)
+            coarse[name] = _order_axes(resolution[whole], nb, width)
             numbered |= name == "q"
             used[name] = [whole]
             continue
@@ -113,7 +114,7 @@ def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[
         if not keys:
             continue
         if name == "E":
-            keys, angles = _sort_in_file_order(keys, [*columns], table)
+            keys, angles = _sort_euler_angles(keys, [*columns], table)
         quantities[name] = np.stack([columns[k] for k in keys], axis=1).reshape(nt, nb, width)
         coarse[name] = np.stack([resolution[k] for k in keys], axis=1).reshape(nt, nb, width)
         numbered |= name == "q" and spelling > 0
@@ -147,9 +148,10 @@ def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[
 
 
 def _read_units(table: Table, name: str, names: list[str]) -> tuple[str, list[float]]:
-    """Return the unit that the file gives a quantity, and the SI value of each of its columns ``names``.
+    """Return the unit that the file gives the quantity ``name``, and the SI value of one unit for each of its columns.
 
-    Empty if it gives none. Raise FileError for an unknown unit, or one that some of the columns lack.
+    ``names`` are the columns' names in the file. Both are empty if it gives none. Raise FileError for an unknown unit,
+    or if only some of the columns have one.
     """
     given = [table.units.get(k) or split_name(k)[1] for k in names]
     if table.angle and not any(given):
@@ -168,7 +170,7 @@ def _read_units(table: Table, name: str, names: list[str]) -> tuple[str, list[fl
     return next(filter(None, given)), factors
 
 
-def _sort_in_file_order(keys: list[str], known: list[str], table: Table) -> tuple[list[str], tuple[str, ...]]:
+def _sort_euler_angles(keys: list[str], known: list[str], table: Table) -> tuple[list[str], tuple[str, ...]]:
     """Return the columns of Euler angles in their order in the file, body by body, and their names for the first body.
 
     ``keys`` are the columns, three per body, ``known`` all columns. Raise FileError if the order differs between
@@ -194,20 +196,25 @@ def split_name(name: str) -> tuple[str, str]:
 
 
 def _normalize_name(name: str) -> str:
-    """Return the name without units and punctuation, in lower case except for a matrix R."""
+    """Return the name without units, with ``_`` for punctuation, in lower case except for a matrix R."""
     plain = re.sub(r"[^0-9a-zA-Z]+", "_", split_name(name)[0]).strip("_")
     return plain if plain == "R" else plain.lower()
 
 
-def _name_arrays(name: str, quantity: Quantity, table: Table, renamed: Mapping[str, str]) -> Iterator[str]:
-    """Yield the names of arrays in the table that may hold the quantity for all bodies."""
+def _list_array_names(name: str, quantity: Quantity, table: Table, renamed: Mapping[str, str]) -> Iterator[str]:
+    """Return the names of arrays in the table that may hold the quantity for all bodies, preferred names first."""
     known = {_normalize_name(renamed.get(k, k)) for k, a in table.columns.items() if a.ndim > 1}
     spelt = ("R", "rot", "rotation") if name == "R" else quantity.names
     return (k for k in spelt if k in known)
 
 
-def _reshape(a: np.ndarray, nb: int, width: int) -> np.ndarray:
-    """Return ``a``, of shape (nt, nb width), (nt, 3, 3) or MATLAB's (nt, width, nb), as (nt, nb, width)."""
+def _order_axes(a: np.ndarray, nb: int, width: int) -> np.ndarray:
+    """Return the array of a quantity with ``width`` components as (nt, nb, width), from any shape that files have.
+
+    Shapes are (nt, nb width), (nt, nb, width) and MATLAB's (nt, width, nb); for rotation matrices, of width 9, also
+    (nt, nb, 3, 3), MATLAB's (nt, 3, 3, nb), and (nt, 3, 3) of a single body. Where nb equals the size of the axis that
+    it could be confused with (``width``, or 3 for matrices), bodies are taken to come first.
+    """
     if a.ndim == 3 and a.shape[1:] == (width, nb) and nb != width:
         a = np.swapaxes(a, 1, 2)
     if a.ndim == 4 and a.shape[1:] == (3, 3, nb) and nb != 3:
@@ -216,14 +223,16 @@ def _reshape(a: np.ndarray, nb: int, width: int) -> np.ndarray:
 
 
 def _find_columns(quantity: Quantity, body_names: tuple[str, ...], known: set[str]) -> tuple[list[str], int]:
-    """Return the columns of the components, body by body, and which of their alternative names they have (from 0).
+    """Return the columns of a quantity's components, body by body, and which of the components' names they have.
 
-    No columns are returned unless all exist.
+    The names are alternatives, counted from 0. No columns are returned unless all exist. Bodies may have their names,
+    or numbers from 1 or from 0.
     """
     nb = len(body_names)
-    for first, k in itertools.product((1, 0), range(len(quantity.components[0]))):
-        tags = [{str(b + first), _normalize_name(n)} | ({""} if nb == 1 else set()) for b, n in enumerate(body_names)]
-        each = itertools.product(tags, (c[k] for c in quantity.components))
+    for first_number, k in itertools.product((1, 0), range(len(quantity.components[0]))):
+        tags = [{str(b + first_number), _normalize_name(name)} for b, name in enumerate(body_names)]
+        tags = [{*tags[0], ""}] if nb == 1 else tags  # a single body needs no tag
+        each = itertools.product(tags, (names[k] for names in quantity.components))
         keys = [next((s for s in _list_spellings(quantity.names, *one) if s in known), "") for one in each]
         if all(keys) and len(set(keys)) == len(keys):  # in a file that counts from 0 ``body1`` is not the first
             return keys, k

@@ -64,7 +64,7 @@ OF_QUANTITY = {  # units of a quantity, and whether they are per time
 def find_factor(unit: str, quantity: str) -> float | None:
     """Return the SI value of a unit in a header; None if it is no unit of ``quantity`` (t, r, q, R, E, v, Omega).
 
-    No unit counts as 1 for a quantity without a unit.
+    A quantity without a unit has the factor 1, if ``unit`` is one of the spellings of no unit.
     """
     known, per_time = OF_QUANTITY[quantity]
     spelt = unit.strip().replace(" ", "")

@@ -45,7 +45,7 @@ Key = tuple[Law, str]  # a law and, for an invariant, its name
 
 
 @dataclass(frozen=True)
-class DeterminedQuantities:
+class UndeterminedQuantities:
     """The quantities, laws, observables and invariants that the columns of a file leave undetermined."""
 
     missing: tuple[str, ...]  # of r, R, v, Omega
@@ -58,8 +58,8 @@ class DeterminedQuantities:
         of_laws = (OF_LAW.get(law, ()) for law in self.open_laws)
         return tuple(c for group in (*of_laws, *(OF_QUANTITY[k] for k in self.missing)) for c in group)
 
-    def judges(self, r: Reason) -> bool:
-        """Return whether the file determines the law that reason ``r`` says is broken, so that it may be judged."""
+    def may_judge(self, r: Reason) -> bool:
+        """Return whether the file determines the law that reason ``r`` says is broken."""
         return r.law not in self.open_laws and r.name not in self.open_names
 
     def blank_undetermined(self, m: MeasuredSeries) -> MeasuredSeries:
@@ -75,10 +75,11 @@ class DeterminedQuantities:
         return dataclasses.replace(m, **blank, **kept)
 
 
-def find_determined(problem: Problem, start: States, missing: Sequence[str]) -> DeterminedQuantities:
-    """Return what a file without the quantities ``missing`` leaves undetermined.
+def find_undetermined(problem: Problem, start: States, missing: Sequence[str]) -> UndeterminedQuantities:
+    """Return what a file without the quantities ``missing`` (of r, R, v, Omega) leaves undetermined.
 
-    ``start`` is one state of the motion.
+    Laws, observables and invariants are evaluated at ``start``, one state of the motion, with NaN for what is missing:
+    those that become NaN are not determined.
     """
     system, parts = problem.system, {k: getattr(start, k) for k in ("r", "R", "v", "Omega")}
     s = States(**{k: np.full(a.shape, math.nan) if k in missing else a for k, a in parts.items()})
@@ -88,17 +89,16 @@ def find_determined(problem: Problem, start: States, missing: Sequence[str]) -> 
             Law.CONSTRAINT: constraint(system, s),
             Law.CONSTRAINT_RATE: constraint_rate(system, s),
             Law.ORTHOGONALITY: so3.orthogonality_defect(s.R),
-            Law.KINEMATIC: s.Omega + s.v + s.r + s.R[..., 0],
+            Law.KINEMATIC: s.Omega + s.v + s.r + s.R[..., 0],  # needs all four
             Law.VELOCITY: s.v,
         }
         at_home = problem.home(s)
         scalars = {x.name: np.asarray(x.of(at_home)) for x in problem.observables}
         scalars |= {x.name: np.asarray(x.of(at_home)) for x in problem.invariants}
     open_laws = {k for k, a in values.items() if not np.all(np.isfinite(a))}
-    return DeterminedQuantities(
-        # it compares differences over a step, which are below the digits
+    return UndeterminedQuantities(
         tuple(missing),
-        frozenset({*open_laws, Law.TRUNCATION}),
+        frozenset({*open_laws, Law.TRUNCATION}),  # truncation compares differences over a step, below the digits
         frozenset(k for k, a in scalars.items() if not np.all(np.isfinite(a))),
     )
 
@@ -109,20 +109,23 @@ def measure_uncertainty(
     """Return how far the measured value of each law moves, in its unit, when the file is read in other ways.
 
     ``given`` is the motion as read, ``spacing`` are readings with other rates, ``digits`` readings with other last
-    digits.
+    digits, whose effect counts ``ROUNDINGS`` times. The effects of all are added.
     """
-    base = _read_laws(measure(problem, given))
+    base = _evaluate_laws(measure(problem, given))
     out = dict.fromkeys(base, 0.0)
     for factor, others in ((1.0, spacing), (ROUNDINGS, digits)):
         for other in others:
-            for key, series in _read_laws(measure(problem, other)).items():
+            for key, series in _evaluate_laws(measure(problem, other)).items():
                 off = np.atleast_1d(series - base[key])
                 out[key] += factor * find_largest(off[np.isfinite(off)]) if np.any(np.isfinite(off)) else 0.0
     return out
 
 
-def _read_laws(m: MeasuredSeries) -> dict[Key, np.ndarray]:
-    """Return the residuals of each law in its unit: along the motion, or one number for the kinematic defect."""
+def _evaluate_laws(m: MeasuredSeries) -> dict[Key, np.ndarray]:
+    """Return the residuals of each law in its unit: along the motion, or one number for the kinematic defect.
+
+    The key of an invariant has its name.
+    """
     out: dict[Key, np.ndarray] = {(Law.KINEMATIC, ""): np.array(m.kinematic_defect)}
     for law in m.mechanisms[0].laws:
         out[law, ""] = np.max([np.abs(one.laws[law]) for one in m.mechanisms], axis=0)
@@ -132,12 +135,13 @@ def _read_laws(m: MeasuredSeries) -> dict[Key, np.ndarray]:
     return out
 
 
-def judge_determined(
-    record: RunRecord, m: MeasuredSeries, known: DeterminedQuantities, unsure: Mapping[Key, float]
+def judge_by_determined(
+    record: RunRecord, m: MeasuredSeries, known: UndeterminedQuantities, unsure: Mapping[Key, float]
 ) -> RunRecord:
-    """Return the record judged by what the file determines alone; other columns get their defaults.
+    """Return the record judged only by what the file determines; columns that it leaves open get their defaults.
 
-    A law is broken only if its value exceeds the limit by more than its uncertainty in ``unsure``.
+    A law is broken, and the motion inaccurate, only if a value exceeds its limit by more than its uncertainty
+    ``unsure``.
     """
     blank: dict[str, Any] = {c.name: c.default for c in COLUMNS if c.name.startswith(known.open_columns)}
     status, claimed = Status(record.status), Status(record.claimed)
@@ -145,13 +149,13 @@ def judge_determined(
     if claimed is Status.SUCCESS:
         found = list(record.reasons)
         broken = found if status is Status.WRONG else []
-        reasons = [r for r in broken if known.judges(r) and r.value - unsure.get((r.law, r.name), 0.0) > r.limit]
+        reasons = [r for r in broken if known.may_judge(r) and r.value - unsure.get((r.law, r.name), 0.0) > r.limit]
         # laws without a limit, or independent of the uncertainty
         lost = [r for r in broken if r.law in (Law.FINITE, Law.START, Law.END)]
         reasons += [r for r in lost if r not in reasons]
         status = Status.WRONG if reasons else Status.SUCCESS
     if status is Status.SUCCESS:
         away = find_inaccuracy(m, vars(record))
-        reasons = [r for r in away if known.judges(r) and r.value - unsure.get((r.law, r.name), 0.0) > r.limit]
+        reasons = [r for r in away if known.may_judge(r) and r.value - unsure.get((r.law, r.name), 0.0) > r.limit]
         status = Status.INACCURATE if reasons else status
     return dataclasses.replace(record, status=str(status), wrong_because=format_reasons(reasons), **blank)

@@ -28,10 +28,10 @@ REAL = ("Real", "Float64", "Float32")  # types of variables that can be outputs
 
 
 def run_fmu(path: Path, t_end: float, dt: float | None, step: float, wanted: Iterable[str]) -> Table:
-    """Run an FMU to ``t_end`` [s], and return its outputs and the variables ``wanted`` as a table.
+    """Run an FMU from 0 to ``t_end`` [s], and return its outputs and the variables ``wanted`` as a table.
 
     Communication steps are ``dt`` or, if that is None, those that the FMU declares, else ``step`` [s]. Raise FileError
-    if it cannot be run.
+    if it cannot be run, or exceeds ``LIMIT`` or ``MEMORY``.
     """
     if importlib.util.find_spec("fmpy") is None:
         raise FileError(f"{path}: fmpy runs FMUs and is not installed: pip install 'mbsbench[formats]'")
@@ -41,7 +41,7 @@ def run_fmu(path: Path, t_end: float, dt: float | None, step: float, wanted: Ite
         out = Path(folder) / "motion.npz"
 
         def run(send: Callable[[str], None]) -> None:
-            """Run the FMU in the other process, and send what went wrong, or an empty text."""
+            """Run the FMU in the other process, and send the error message as JSON, empty without an error."""
             try:
                 _simulate(path, t_end, dt, step, frozenset(wanted), out)
                 complaint = ""
@@ -57,7 +57,10 @@ def run_fmu(path: Path, t_end: float, dt: float | None, step: float, wanted: Ite
 
 
 def _simulate(path: Path, t_end: float, dt: float | None, step: float, wanted: frozenset[str], out: Path) -> None:
-    """Run an FMU and write its outputs, by name, to the NPZ file ``out``; raise ValueError if it has none."""
+    """Run an FMU and write its outputs and the variables ``wanted``, by name, to the NPZ file ``out``.
+
+    Steps are as in ``run_fmu``. Raise ValueError if it has no co-simulation or no outputs.
+    """
     fmpy: Any = importlib.import_module("fmpy")
     model = fmpy.read_model_description(str(path))
     if model.coSimulation is None:
@@ -70,9 +73,9 @@ def _simulate(path: Path, t_end: float, dt: float | None, step: float, wanted: f
     rows = fmpy.simulate_fmu(
         str(path), fmi_type="CoSimulation", start_time=0.0, stop_time=t_end, output_interval=interval, output=names
     )
-    np.savez(out, **{k if k in wanted else _flatten(k): rows[k] for k in rows.dtype.names})
+    np.savez(out, **{k if k in wanted else _flatten_indices(k): rows[k] for k in rows.dtype.names})
 
 
-def _flatten(name: str) -> str:
+def _flatten_indices(name: str) -> str:
     """Return a variable's name with indices in brackets as a suffix: ``body2.r[1]`` is ``body2.r_1``."""
     return re.sub(r"\[([\d, ]+)\]", lambda found: "_" + re.sub(r"\D", "", found[1]), name)

@@ -21,8 +21,8 @@ MOST = 400  # most rows that are compared, within a factor of two
 def suggest_reading(problem: Problem, found: Quantities, how: Reading, motion: Motion) -> list[str]:
     """Return a note if a reading that differs in one option follows the exact motion and the requested one does not.
 
-    Empty without such a reading. The check of the start cannot find these: if it has no rotation, it looks the same
-    transposed, in either frame, and about axes that turn with the body or are fixed.
+    It is in a list, which is empty without such a reading. The check of the start cannot find these: a start without
+    rotation looks the same transposed, in either frame, and about axes that turn with the body or are fixed.
     """
     reference = find_reference(problem)
     if reference is None:
@@ -32,12 +32,12 @@ def suggest_reading(problem: Problem, found: Quantities, how: Reading, motion: M
     if not len(rows):
         return []
     exact = reference.states(motion.t[rows])
-    before = _measure_off(motion, exact.R, exact.Omega, rows)
+    before = _measure_rotation_error(motion, exact.R, exact.Omega, rows)
     if not before > OFF:
         return []
     tried = [
-        (_measure_off(begin_at_start(problem, read_motion(found, other)), exact.R, exact.Omega, rows), words)
-        for words, other in _list_others(found, how)
+        (_measure_rotation_error(begin_at_start(problem, read_motion(found, other)), exact.R, exact.Omega, rows), words)
+        for words, other in _list_other_readings(found, how)
     ]
     after, words = min(tried, default=(np.inf, ""))
     if not after < BETTER * before:
@@ -46,8 +46,8 @@ def suggest_reading(problem: Problem, found: Quantities, how: Reading, motion: M
     return [f"with {words} it would follow the exact motion: {numbers}"]
 
 
-def _measure_off(motion: Motion, R: np.ndarray, Omega: np.ndarray, rows: np.ndarray) -> float:
-    """Return the distance of a motion from exact rotations ``R`` and angular velocities ``Omega`` at these rows.
+def _measure_rotation_error(motion: Motion, R: np.ndarray, Omega: np.ndarray, rows: np.ndarray) -> float:
+    """Return how far a motion is from exact rotations ``R`` and angular velocities ``Omega``, those at ``rows``.
 
     It is the larger of the angle [rad] and the relative difference of angular velocities; NaN if the file has neither.
     """
@@ -59,7 +59,7 @@ def _measure_off(motion: Motion, R: np.ndarray, Omega: np.ndarray, rows: np.ndar
     return float(np.max(off)) if off else np.nan
 
 
-def _list_others(found: Quantities, how: Reading) -> Iterator[tuple[str, Reading]]:
+def _list_other_readings(found: Quantities, how: Reading) -> Iterator[tuple[str, Reading]]:
     """Yield readings that differ from ``how`` in one option on rotations, each as (option in words, reading)."""
     names = [
         n

@@ -32,11 +32,11 @@ from . import fmu
 from .checks import check_motion
 from .columns import Quantities, find_quantities
 from .conventions import CHOICES, Reading
-from .determinacy import DeterminedQuantities, find_determined, judge_determined, measure_uncertainty
+from .determinacy import UndeterminedQuantities, find_undetermined, judge_by_determined, measure_uncertainty
 from .hints import suggest_reading
-from .omissions import check_left_out
+from .omissions import check_omissions
 from .reading import Motion, Origin, perturb_roundings, read_motion
-from .rows import begin_at_start, check_euler, check_units, clean_rows
+from .rows import begin_at_start, check_euler_order, check_units, clean_rows
 from .tables import READERS, Table, read_table
 
 NAME = re.compile(r"[A-Za-z][\w.+-]*")  # permitted names of a code
@@ -56,10 +56,10 @@ class FileSettings:
 
 
 def choose_settings(first: Path, given: Mapping[str, Any]) -> FileSettings:
-    """Return how files are read and recorded, from the options ``given`` by name; ``first`` is the first file.
+    """Return how files are read and recorded, from the command line's options ``given``, by name.
 
-    The name of the code is by default that of the first file, with the suffix ``_file`` if a solver of the catalogue
-    has that name. Raise ValueError for options that cannot be combined.
+    The name of the code is by default that of the ``first`` file, with the suffix ``_file`` if a solver of the
+    catalogue has that name. Raise ValueError for options that cannot be combined.
     """
     reading = Reading(**{name: given[name] for name in CHOICES})
     columns = tuple(c.strip() for c in (given["columns"] or "").split(",") if c.strip())
@@ -77,39 +77,43 @@ def list_tables(path: Path) -> list[Path]:
     """Return ``path`` if it is no folder, else all tables and FMUs in it; raise FileError if it has none."""
     if not path.is_dir():
         return [path]
-    known = (*READERS, fmu.SUFFIX)
-    found = sorted(p for p in path.iterdir() if p.suffix.lower() in known and not p.name.startswith("."))
+    suffixes = (*READERS, fmu.SUFFIX)
+    found = sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes and not p.name.startswith("."))
     if not found:
-        raise FileError(f"{path} holds no file that ends in {', '.join(known)}")
+        raise FileError(f"{path} holds no file that ends in {', '.join(suffixes)}")
     return found
 
 
 def judge_file(
-    problem: Problem, path: Path, given: FileSettings, folder: Path | None, *, several: bool = False
+    problem: Problem, path: Path, settings: FileSettings, folder: Path | None, *, several: bool = False
 ) -> RunRecord:
     """Return the record of the motion in ``path``; raise FileError if it cannot be judged.
 
     Record and series are also written to the results folder ``folder`` if it is given. With ``several`` the name of the
-    file becomes an option of its code, so that files of one code are different runs.
+    file becomes an option of its code, so that files of one code are different runs. A motion that another reading, or
+    omitted forces of the mechanism's file, might explain is not called wrong: the first adds a note, the second raises
+    FileError.
     """
-    if not NAME.fullmatch(given.name) or given.name in registry.solvers():
-        raise FileError(f"the name must be letters, digits and . _ + -, and not that of a solver (got {given.name!r})")
-    table, found, motion, notes = _read_file(problem, path, given)
+    if not NAME.fullmatch(settings.name) or settings.name in registry.solvers():
+        expected = "the name must be letters, digits and . _ + -, and not that of a solver"
+        raise FileError(f"{expected} (got {settings.name!r})")
+    table, found, motion, notes = _read_file(problem, path, settings)
     missing = [k for k in ("R", "v", "Omega") if motion.origin[k] is Origin.NONE]
     trajectory = _build_trajectory(problem, motion, path, missing)
-    known = find_determined(problem, trajectory.states.at(slice(1)), missing)
-    unsure = _measure_uncertainty(problem, found, given.reading, motion, trajectory, path, missing)
-    trajectory = dataclasses.replace(trajectory, notes=(*notes, *_write_notes(motion, missing, known, unsure)))
+    undetermined = find_undetermined(problem, trajectory.states.at(slice(1)), missing)
+    uncertainty = _measure_uncertainty(problem, found, settings.reading, motion, trajectory, path, missing)
+    notes += _write_notes(motion, missing, undetermined, uncertainty)
+    trajectory = dataclasses.replace(trajectory, notes=tuple(notes))
 
-    spec = _make_spec(problem, path, given, trajectory, several=several)
-    job = Job(spec, folder or Path(), REFEREED, _digest_file(table, given))
+    spec = _make_spec(problem, path, settings, trajectory, several=several)
+    job = Job(spec, folder or Path(), REFEREED, _digest_file(table, settings))
     record, m = judge_motion(job, problem, trajectory)
-    record, m = judge_determined(record, m, known, unsure), known.blank_undetermined(m)
-    if hints := suggest_reading(problem, found, given.reading, motion):
+    record, m = judge_by_determined(record, m, undetermined, uncertainty), undetermined.blank_undetermined(m)
+    if hints := suggest_reading(problem, found, settings.reading, motion):
         record = dataclasses.replace(record, notes=format_notes([*record.note_lines, *hints]))
     else:
-        check_left_out(problem, path, record)
-    errors, drifts = (_drop_undetermined(x, known) for x in (record.observable_errors, record.invariant_drifts))
+        check_omissions(problem, path, record)
+    errors, drifts = (_drop_undetermined(x, undetermined) for x in (record.observable_errors, record.invariant_drifts))
     record = dataclasses.replace(record, observable_errors=errors, invariant_drifts=drifts)
     if folder is None:
         return record
@@ -126,9 +130,9 @@ def judge_file(
     return record
 
 
-def read_trajectory(problem: Problem, path: Path, given: FileSettings) -> Trajectory:
-    """Return the motion in ``path``; raise FileError if poses or velocities are missing."""
-    _, _, motion, _ = _read_file(problem, path, given)
+def read_trajectory(problem: Problem, path: Path, settings: FileSettings) -> Trajectory:
+    """Return the motion in ``path``, read by ``settings``; raise FileError if poses or velocities are missing."""
+    _, _, motion, _ = _read_file(problem, path, settings)
     if missing := [WORDS[k] for k in WORDS if motion.origin[k] is Origin.NONE]:
         raise FileError(
             f"{path}: it lacks {' and '.join(missing)}, or they cannot be differenced from rows so far apart"
@@ -136,62 +140,67 @@ def read_trajectory(problem: Problem, path: Path, given: FileSettings) -> Trajec
     return _build_trajectory(problem, motion, path, [])
 
 
-def _read_file(problem: Problem, path: Path, given: FileSettings) -> tuple[Table, Quantities, Motion, list[str]]:
+def _read_file(problem: Problem, path: Path, settings: FileSettings) -> tuple[Table, Quantities, Motion, list[str]]:
     """Return the table in a file, its recognised columns, the motion read from them, and notes for the record.
 
     An FMU is run. Raise FileError if the file is not a motion of the problem from its start.
     """
-    positional = tuple(c for c in given.columns if "=" not in c)
+    positional = tuple(c for c in settings.columns if "=" not in c)
     renamed = {
-        theirs.strip(): ours.strip() for ours, _, theirs in (c.partition("=") for c in given.columns if "=" in c)
+        theirs.strip(): ours.strip() for ours, _, theirs in (c.partition("=") for c in settings.columns if "=" in c)
     }
     if path.suffix.lower() == fmu.SUFFIX:
-        asked = None if given.control is None else given.control.dt
+        asked = None if settings.control is None else settings.control.dt
         table = fmu.run_fmu(path, problem.t_end, asked, problem.dt, renamed)
     else:
         table = read_table(path, positional, renamed)
     found = find_quantities(table, problem.system.body_names, renamed)
-    check_units(found, given.reading, path)
-    check_euler(found, given.reading, path)
-    found = clean_rows(found, given.reading, path)
-    motion = read_motion(found, given.reading)
-    notes = check_motion(problem, found, given.reading, motion, path, given.tolerance)
+    check_units(found, settings.reading, path)
+    check_euler_order(found, settings.reading, path)
+    found = clean_rows(found, settings.reading, path)
+    motion = read_motion(found, settings.reading)
+    notes = check_motion(problem, found, settings.reading, motion, path, settings.tolerance)
     return table, found, begin_at_start(problem, motion), notes
 
 
 def open_results(folder: Path) -> Path:
     """Make a results folder, with a stamp like that of a suite, or open an existing one to add to; return it."""
-    known = store.is_results(folder)
+    exists = store.is_results(folder)
     store.create_folder(folder)
-    if not known:
+    if not exists:
         stamp = origin.describe_environment(folder.name, REFEREED, 1, ())
         (ConfinedPath(folder) / "environment.json").write(json.dumps(stamp, indent=1))
     return folder
 
 
-def _make_spec(problem: Problem, path: Path, given: FileSettings, trajectory: Trajectory, *, several: bool) -> RunSpec:
-    """Return the specification by which the motion is recorded; its step is given, or the median spacing of rows."""
+def _make_spec(
+    problem: Problem, path: Path, settings: FileSettings, trajectory: Trajectory, *, several: bool
+) -> RunSpec:
+    """Return the specification by which the motion is recorded.
+
+    Its step or tolerance is that of ``settings``, or the median spacing of rows. ``several`` is as in ``judge_file``.
+    """
     spacing = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else problem.dt
-    control = given.control or StepControl(dt=float(f"{spacing:.6g}"))
+    control = settings.control or StepControl(dt=float(f"{spacing:.6g}"))
     options = {"file": path.stem} if several else {}
-    return RunSpec(problem.name, given.name, control, dict(problem.parameters), options, label=given.label)
+    return RunSpec(problem.name, settings.name, control, dict(problem.parameters), options, label=settings.label)
 
 
-def _digest_file(table: Table, given: FileSettings) -> str:
-    """Return a digest of the file, how it was read, and the judging code.
+def _digest_file(table: Table, settings: FileSettings) -> str:
+    """Return a digest of the file, of how it was read, and of the judging code.
 
     It replaces the code's digest in the run's id.
     """
     code = codes.digest_code(), codes.read_column_digests().digest
-    parts = (*code, table.sha256, repr(given.reading), repr(given.columns))
+    parts = (*code, table.sha256, repr(settings.reading), repr(settings.columns))
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
 def _build_trajectory(problem: Problem, motion: Motion, path: Path, missing: list[str]) -> Trajectory:
     """Return the motion to judge, up to t_end; quantities in ``missing`` are taken from the reference.
 
-    A motion that stops being finite ends before that row and has diverged. Raise FileError if the file lacks the start
-    or the end.
+    The first row becomes the exact start, with which it agrees to the printed digits. A motion that stops being finite
+    ends before that row and has diverged. Raise FileError if the file lacks the start or the end.
     """
     t = motion.t
     parts = {k: getattr(motion, k) for k in ("r", "R", "v", "Omega")}
@@ -215,7 +224,7 @@ def _build_trajectory(problem: Problem, motion: Motion, path: Path, missing: lis
     if status is Status.SUCCESS:
         t[-1] = problem.t_end  # the time as printed may differ in its last digit
     if missing:
-        exact = _reference_states(problem, t, path, missing)
+        exact = _evaluate_reference(problem, t, path, missing)
         parts |= {k: getattr(exact, k) for k in missing}
     for k, a in parts.items():  # the start was found to agree with the exact one to the printed digits
         parts[k] = np.concatenate((getattr(problem.initial, k)[None], a[1:rows]))
@@ -225,7 +234,11 @@ def _build_trajectory(problem: Problem, motion: Motion, path: Path, missing: lis
 def _measure_uncertainty(
     problem: Problem, found: Quantities, how: Reading, motion: Motion, given: Trajectory, path: Path, missing: list[str]
 ) -> Mapping[tuple[Law, str], float]:
-    """Return how far each law moves where rates are differenced or digits are few; empty for a motion cut short."""
+    """Return how far each law moves where rates are differenced or digits are few; empty for a motion cut short.
+
+    ``given`` is the motion as read from ``found`` with ``how``; the file is read again with other splines, and with its
+    last digits changed.
+    """
     if given.status is not Status.SUCCESS:
         return {}
 
@@ -242,19 +255,19 @@ def _measure_uncertainty(
 
 
 def _write_notes(
-    motion: Motion, missing: list[str], known: DeterminedQuantities, unsure: Mapping[tuple[Law, str], float]
+    motion: Motion, missing: list[str], known: UndeterminedQuantities, uncertainty: Mapping[tuple[Law, str], float]
 ) -> list[str]:
     """Return notes on what was differenced, what is missing and not judged, and how uncertain the energy is."""
     notes = []
     differenced = [WORDS[k] for k in ("v", "Omega") if motion.origin[k] is Origin.DIFFERENCED]
     if differenced:
         notes.append(f"{' and '.join(differenced)}: not in the file, differenced from its poses")
-        drift = unsure.get((Law.ENERGY, ""), math.nan)
+        drift = uncertainty.get((Law.ENERGY, ""), math.nan)
         if Law.ENERGY not in known.open_laws and not math.isnan(drift):
             words = "the energy is that of differenced velocities, not of the code's"
             notes.append(f"{words}: spacing and digits of the file leave it uncertain by {drift:.2g} J")
-    elif unsure.get((Law.ENERGY, ""), 0.0) > 0.0 and Law.ENERGY not in known.open_laws:
-        notes.append(f"the digits of the file leave the energy uncertain by {unsure[Law.ENERGY, '']:.2g} J")
+    elif uncertainty.get((Law.ENERGY, ""), 0.0) > 0.0 and Law.ENERGY not in known.open_laws:
+        notes.append(f"the digits of the file leave the energy uncertain by {uncertainty[Law.ENERGY, '']:.2g} J")
     if missing:
         open_laws = [words for law, words in LAWS.items() if law in known.open_laws]
         lacks = " and ".join(WORDS[k] for k in missing)
@@ -262,15 +275,15 @@ def _write_notes(
     return notes
 
 
-def _drop_undetermined(extents: str, known: DeterminedQuantities) -> str:
+def _drop_undetermined(extents: str, undetermined: UndeterminedQuantities) -> str:
     """Return ``extents``, a JSON column of errors or drifts, without the names that the file does not determine."""
-    return json.dumps({k: x for k, x in json.loads(extents).items() if k not in known.open_names})
+    return json.dumps({k: x for k, x in json.loads(extents).items() if k not in undetermined.open_names})
 
 
-def _reference_states(problem: Problem, t: np.ndarray, path: Path, missing: list[str]) -> States:
-    """Return the reference's states at times ``t`` [s], for quantities that the file lacks.
+def _evaluate_reference(problem: Problem, t: np.ndarray, path: Path, missing: list[str]) -> States:
+    """Return the reference's states at times ``t`` [s], for the quantities ``missing`` in the file.
 
-    Raise FileError if the reference is missing or ends before.
+    Raise FileError if the reference is missing or ends before the last time.
     """
     reference = find_reference(problem)
     if reference is None or reference.horizon < t[-1] * (1.0 - 1e-9):

@@ -18,14 +18,15 @@ BY_FORCES = {Law.ENERGY, Law.INVARIANT, Law.TRUNCATION, Law.REACTION, Law.MOMENT
 REMEDY = "judge a motion without them, or write a servo as stiffness and damping of its joint"
 
 
-def check_left_out(problem: Problem, path: Path, record: RunRecord) -> None:
+def check_omissions(problem: Problem, path: Path, record: RunRecord) -> None:
     """Raise FileError for a motion judged wrong or inaccurate if omitted parts of the mechanism's file may explain it.
 
     Errors that no force can cause stay wrong: open joints, rates that contradict the poses, matrices that are no
-    rotations.
+    rotations. Problems that are not read from a file have no omitted parts.
     """
-    made = getattr(registry.problems().get(problem.name), "make", None)
-    omitted = getattr(getattr(made, "__self__", None), "omitted", {})
+    make = getattr(registry.problems().get(problem.name), "make", None)
+    mechanism = getattr(make, "__self__", None)  # ``make`` is a method of the mechanism read from a file
+    omitted = getattr(mechanism, "omitted", {})
     acting = ", ".join(f"{what} ({n})" for what, n in omitted.items() if ACTS.search(what))
     laws = {reason.law for reason in record.reasons}
     if acting and record.status in (Status.WRONG, Status.INACCURATE) and laws <= BY_FORCES:

@@ -40,7 +40,8 @@ class Motion:
 def read_motion(found: Quantities, how: Reading, degree: int = 5) -> Motion:
     """Return the motion in SI units, from columns read as ``how`` says.
 
-    Missing rates are those of splines of ``degree`` (5 or 3) through the poses; None where the rows are too far apart.
+    Missing rates are those of splines of ``degree`` (5 or 3) through the poses; they are None where the rows are too
+    far apart, as are rotations that the file does not have.
     """
     t, has = found.factor("t", how) * found.t, found.quantities
     r = found.factor("r", how) * has["r"]
@@ -94,8 +95,8 @@ def read_angular_velocities(
     return None if R is None else np.einsum("tbji,tbj->tbi", R, given)
 
 
-def differentiate(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"], degree: int = 5) -> np.ndarray | None:
-    """Return da/dt by splines of ``degree`` (5 or 3); None if both disagree, as for rows too far apart.
+def differentiate(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"], degree: int = 5) -> np.ndarray | None:  # noqa: F821
+    """Return da/dt by splines of ``degree`` (5 or 3); None where the two degrees disagree: the rows are too far apart.
 
     None also if there are fewer than ``FEWEST`` rows, or values that are not finite.
     """

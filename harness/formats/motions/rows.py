@@ -19,13 +19,14 @@ EVENTS = 0.1  # largest fraction of rows that may repeat a time; more indicate t
 LATE = 1.5  # relative to the spacing: a first row up to this time means that the start was not written
 
 
-def clean_rows(found: Quantities, how: Reading, path: Path) -> Quantities:
-    """Return the quantities without rows of gaps and of repeated times, with notes on them.
+def clean_rows(found: Quantities, conventions: Reading, path: Path) -> Quantities:
+    """Return the quantities without rows that are no numbers, and of two rows at one time only the later; add notes.
 
-    Raise FileError if times do not increase.
+    ``conventions`` has the unit of time. Raise FileError if times decrease, or if rows at one time differ or are too
+    many to be events.
     """
     found = _remove_gaps(found)
-    t = found.factor("t", how) * found.t
+    t = found.factor("t", conventions) * found.t
     twice = np.flatnonzero(np.diff(t) == 0.0)
     apart = _rows_differ(found, twice)
     if np.any(np.diff(t) < 0.0) or not np.all(np.isfinite(t)) or np.any(apart) or len(twice) > EVENTS * len(t):
@@ -42,7 +43,10 @@ def clean_rows(found: Quantities, how: Reading, path: Path) -> Quantities:
 
 
 def _rows_differ(found: Quantities, twice: np.ndarray) -> np.ndarray:
-    """Return, for each row in ``twice``, whether its pose differs from the next row's by more than their digits."""
+    """Return, for each row number in ``twice``, whether its pose differs from that of the next row.
+
+    Differences within the printed digits do not count.
+    """
     out = np.zeros(len(twice), dtype=bool)
     for name in found.quantities.keys() & {"r", "q", "R", "E"}:
         a, coarse = found.quantities[name], found.resolution[name]
@@ -54,7 +58,8 @@ def _rows_differ(found: Quantities, twice: np.ndarray) -> np.ndarray:
 def _remove_gaps(found: Quantities) -> Quantities:
     """Return the quantities without rows of non-numbers that numbers follow; rows at the end stay: the run diverged.
 
-    All stay if they are more than the part ``GAPS`` of the rows, or if the first is among them: the start is needed.
+    All stay if they are more than the fraction ``GAPS`` of the rows, or if the first is among them: the start is
+    needed.
     """
     finite = np.isfinite(found.t)
     for a in found.quantities.values():
@@ -95,7 +100,10 @@ def begin_at_start(problem: Problem, motion: Motion) -> Motion:
 
 
 def bound_travel(problem: Problem, t: float) -> dict[str, float]:
-    """Return how far each quantity may be from the start at ``t`` [s], in SI units, from twice the rates there."""
+    """Return a bound on how far each quantity may be from the start at ``t`` [s], in SI units.
+
+    It is twice what the velocities and accelerations at the start give, and 0 at the start.
+    """
     if t <= 0.0:
         return dict.fromkeys(("r", "R", "v", "Omega"), 0.0)
     start = problem.initial
@@ -105,30 +113,34 @@ def bound_travel(problem: Problem, t: float) -> dict[str, float]:
     return {"r": 2.0 * t * (v + a * t), "R": 2.0 * t * (omega + alpha * t), "v": 2.0 * t * a, "Omega": 2.0 * t * alpha}
 
 
-def check_euler(found: Quantities, how: Reading, path: Path) -> None:
-    """Raise FileError if axes of Euler angles, the only orientations, are missing or contradict the columns' names."""
-    if how.euler == UNSAID and "E" in found.quantities and not {"q", "R"} & found.quantities.keys():
+def check_euler_order(found: Quantities, conventions: Reading, path: Path) -> None:
+    """Raise FileError if the order of axes of Euler angles is unknown, or contradicts the names of their columns.
+
+    ``conventions`` has the order that the user gave, which is needed only if the file gives orientations in no other
+    way. Columns named roll, pitch and yaw turn about x, y and z: their order in the file must be that order of axes.
+    """
+    if conventions.euler == UNSAID and "E" in found.quantities and not {"q", "R"} & found.quantities.keys():
         remedy = (
             "--euler gives their axes in the order of the columns (ZXZ, ZYX and others; small letters: fixed in "
             "space), --euler none leaves them out"
         )
         raise FileError(f"{path}: its orientations are Euler angles: {remedy}")
-    if not how.reads_euler or not {*found.angles} <= {"roll", "pitch", "yaw"} or not found.angles:
+    if not conventions.reads_euler or not {*found.angles} <= {"roll", "pitch", "yaw"} or not found.angles:
         return
     letters = {"roll": "x", "pitch": "y", "yaw": "z"}
-    wanted = "".join(letters[k] for k in found.angles)
-    if how.euler.lower() != wanted:
-        both = " or ".join(x for x in (wanted, wanted.upper()))
+    named_order = "".join(letters[k] for k in found.angles)
+    if conventions.euler.lower() != named_order:
+        both = f"{named_order} or {named_order.upper()}"
         raise FileError(
-            f"{path}: its columns are {', '.join(found.angles)}, in this order, about {', '.join(wanted)}: "
-            f"give --euler {both} (got {how.euler})"
+            f"{path}: its columns are {', '.join(found.angles)}, in this order, about {', '.join(named_order)}: "
+            f"give --euler {both} (got {conventions.euler})"
         )
 
 
-def check_units(found: Quantities, how: Reading, path: Path) -> None:
-    """Raise FileError if an option contradicts a unit that the file gives."""
+def check_units(found: Quantities, conventions: Reading, path: Path) -> None:
+    """Raise FileError if an option in ``conventions`` contradicts a unit that the file gives."""
     for name, option in (("t", "time"), ("r", "length"), ("v", "length"), ("E", "angle"), ("Omega", "angle")):
-        asked, unit = getattr(how, option), found.units.get(name, "")
+        asked, unit = getattr(conventions, option), found.units.get(name, "")
         spelt = re.split(r"[\W\d]", unit.replace("°", "deg"))[0]
         if unit and asked != getattr(Reading(), option) and spelt != asked and not (asked == "deg" and "deg" in spelt):
             raise FileError(f"{path}: its header has the unit {unit!r}; leave --{option} {asked} out")
@@ -148,7 +160,7 @@ def describe_norms(found: Quantities) -> list[str]:
     ]
 
 
-def describe_rest(t: np.ndarray, t_end: float) -> list[str]:
+def describe_late_rows(t: np.ndarray, t_end: float) -> list[str]:
     """Return a note, in a list, on rows after ``t_end`` [s], which are not judged; else an empty list."""
     more = t[t > t_end * (1.0 + 1e-6)]
     return [f"not judged: rows behind t = {t_end:g} s ({len(more)}, to {more[-1]:.6g} s)"] if len(more) else []

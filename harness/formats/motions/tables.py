@@ -17,8 +17,8 @@ import numpy as np
 from ...base.confined_paths import read_whole
 from ...base.files import FileError
 from ...results.npz import read_npz
-from .modelica import is_result, read_result
-from .text_tables import read_text
+from .modelica import is_modelica_result, read_modelica_result
+from .text_tables import parse_text_table
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ class Table:
 def read_table(path: Path, names: tuple[str, ...] = (), renamed: Mapping[str, str] = MappingProxyType({})) -> Table:
     """Return the table in a file of text, Parquet, NPZ or MAT; raise FileError if it cannot be read.
 
-    ``names`` are those of columns in text without a header; ``renamed`` maps names in the file to ours.
+    ``names`` are those of columns in text without a header; ``renamed`` maps names in the file to ours, to find the
+    time.
     """
     try:
         content = read_whole(path)
@@ -49,7 +50,7 @@ def read_table(path: Path, names: tuple[str, ...] = (), renamed: Mapping[str, st
     reader = READERS[suffix]
     try:
         if reader is None:
-            text = read_text(content, names)
+            text = parse_text_table(content, names)
             digest = hashlib.sha256(content).hexdigest()
             return Table(path, digest, text.columns, text.resolution, text.units, text.angle, text.notes)
         columns, resolution = reader(content, renamed)
@@ -62,10 +63,11 @@ Columns = dict[str, np.ndarray]
 MOST = 2**30  # [bytes] of all arrays of a table
 
 
-def _arrays(found: Mapping[str, np.ndarray], renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
+def _select_columns(found: Mapping[str, np.ndarray], renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
     """Return the numeric arrays by name with time as first axis, and their resolution; raise ValueError without a time.
 
-    MATLAB's arrays may have time as last axis; arrays without that axis are left out.
+    MATLAB's arrays may have time as last axis; arrays without that axis are left out. The resolution is a rounding of
+    float32 or float16; that of integers and float64 counts as 0.
     """
     numeric = {k: np.asarray(a) for k, a in found.items() if np.asarray(a).dtype.kind in "fiu" and np.size(a) > 1}
     time = next((numeric[k] for k in numeric if renamed.get(k, k).lower() in ("t", "time")), None)
@@ -80,9 +82,9 @@ def _arrays(found: Mapping[str, np.ndarray], renamed: Mapping[str, str]) -> tupl
         if a.shape[0] == nt:
             columns[name] = a.astype(np.float64)
     eps = {k: np.finfo(a.dtype).eps if a.dtype.kind == "f" else 0.0 for k, a in numeric.items()}
-    exact = np.broadcast_to(0.0, 1)
+    zero = np.broadcast_to(0.0, 1)
     return columns, {
-        k: eps[k] * np.abs(a) if eps[k] > 1e-10 else np.broadcast_to(exact, a.shape) for k, a in columns.items()
+        k: eps[k] * np.abs(a) if eps[k] > 1e-10 else np.broadcast_to(zero, a.shape) for k, a in columns.items()
     }
 
 
@@ -92,12 +94,12 @@ def _check_size(size: int) -> None:
         raise ValueError(f"it unpacks to {size:,} bytes, more than {MOST:,}")
 
 
-def _npz(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
+def _read_npz(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
     """Return the columns of an NPZ file and their resolution."""
-    return _arrays(read_npz(content, MOST), renamed)
+    return _select_columns(read_npz(content, MOST), renamed)
 
 
-def _mat(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
+def _read_mat(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
     """Return the columns of a MAT file, which may be a result of Modelica, and their resolution."""
     from scipy.io import loadmat, whosmat
 
@@ -109,12 +111,12 @@ def _mat(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
     except Exception as error:  # damaged files raise errors of many kinds
         raise ValueError(f"not a whole MAT file of version 7.2 or older: {error}") from None
     _check_size(sum(sizes))
-    if is_result(found):
-        return _arrays(read_result(found), renamed)
-    return _arrays({k: a for k, a in found.items() if not k.startswith("__")}, renamed)
+    if is_modelica_result(found):
+        return _select_columns(read_modelica_result(found), renamed)
+    return _select_columns({k: a for k, a in found.items() if not k.startswith("__")}, renamed)
 
 
-def _parquet(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
+def _read_parquet(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Columns]:
     """Return the columns of a Parquet file and their resolution."""
     import pandas as pd
     from pyarrow import parquet  # type: ignore[import-untyped]
@@ -122,13 +124,13 @@ def _parquet(content: bytes, renamed: Mapping[str, str]) -> tuple[Columns, Colum
     about = parquet.ParquetFile(io.BytesIO(content)).metadata
     _check_size(8 * about.num_rows * about.num_columns)
     frame = pd.read_parquet(io.BytesIO(content))
-    return _arrays({str(k): frame[k].to_numpy() for k in frame.columns}, renamed)
+    return _select_columns({str(k): frame[k].to_numpy() for k in frame.columns}, renamed)
 
 
 Reader = Callable[[bytes, Mapping[str, str]], tuple[Columns, Columns]]
 READERS: dict[str, Reader | None] = {  # none: text
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".sto", ".mot"), None),
-    ".parquet": _parquet,
-    ".npz": _npz,
-    ".mat": _mat,
+    ".parquet": _read_parquet,
+    ".npz": _read_npz,
+    ".mat": _read_mat,
 }

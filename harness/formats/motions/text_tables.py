@@ -39,12 +39,12 @@ class TextTable:
 Lines = list[tuple[int, str]]  # lines with their numbers in the file
 
 
-def read_text(content: bytes, names: tuple[str, ...]) -> TextTable:
+def parse_text_table(content: bytes, names: tuple[str, ...]) -> TextTable:
     """Return the table in the bytes of a text file; raise ValueError, which names the line, if it has none.
 
-    ``names`` are those of columns without a header.
+    ``names`` are those of the columns in a file without a header. A title that is left out is noted.
     """
-    whole = [(k + 1, x) for k, x in enumerate(decode(content).splitlines()) if x.strip()]
+    whole = [(k + 1, x) for k, x in enumerate(decode_text(content).splitlines()) if x.strip()]
     end = next((k for k, (_, x) in enumerate(whole) if x.strip().lower() == "endheader"), -1)
     angle = "deg" if any(re.sub(r"\s", "", x.lower()) == "indegrees=yes" for _, x in whole[: end + 1]) else ""
     whole = whole[end + 1 :]
@@ -54,21 +54,22 @@ def read_text(content: bytes, names: tuple[str, ...]) -> TextTable:
     remarks = [x.strip().lstrip(COMMENT) for _, x in itertools.takewhile(lambda x: x[1].lstrip()[0] in COMMENT, whole)]
     delimiter, decimal, width = _find_format([x for _, x in (*lines[:SAMPLE], *lines[SAMPLE:][-SAMPLE:])])
     form = _Form(delimiter, decimal)
-    first = next((k for k, (_, x) in enumerate(lines) if width and _is_row(form.fields(x, width), width)), len(lines))
+    numbered = (k for k, (_, x) in enumerate(lines) if width and _is_row(form.split_fields(x, width), width))
+    first = next(numbered, len(lines))
     before, rows = lines[:first], lines[first:]
     header, units, titles = _read_header(form, before, width, remarks, names)
     if len(set(header)) < len(header):
         raise ValueError(f"column {next(h for h in header if header.count(h) > 1)!r} is there twice")
     if not rows:
         raise ValueError("it has a header and no rows")
-    numbers = form.numbers(rows, len(header))
-    sample = [form.fields(x, width) for _, x in (*rows[:SAMPLE], *rows[SAMPLE:][-SAMPLE:])]
+    numbers = form.parse_rows(rows, len(header))
+    sample = [form.split_fields(x, width) for _, x in (*rows[:SAMPLE], *rows[SAMPLE:][-SAMPLE:])]
     resolution = {h: measure_resolution(numbers[:, k], [row[k] for row in sample]) for k, h in enumerate(header)}
     notes = (f"not read: the title {titles[0]!r}",) if titles else ()
     return TextTable({h: numbers[:, k] for k, h in enumerate(header)}, resolution, units, angle, notes)
 
 
-def decode(content: bytes) -> str:
+def decode_text(content: bytes) -> str:
     """Return the text of a file: UTF-16 or UTF-8 by its mark, else UTF-8 if valid, else the Windows character set."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return content.decode("utf-16")
@@ -85,8 +86,8 @@ class _Form:
     delimiter: str
     decimal: str
 
-    def fields(self, line: str, width: int = 0) -> list[str]:
-        """Split a line into fields without quotes, numbers spelt as in Python.
+    def split_fields(self, line: str, width: int = 0) -> list[str]:
+        """Return the fields of a line of numbers, without quotes, spelt as in Python.
 
         An empty field after the last delimiter, beyond ``width`` fields, is dropped.
         """
@@ -94,35 +95,36 @@ class _Form:
         out = [FORTRAN.sub("e", f.strip().strip("\"'").strip().replace(self.decimal, ".")) for f in parts]
         return out[:-1] if self.delimiter and len(out) > max(1, width) and not out[-1] else out
 
-    def names(self, line: str) -> list[str]:
-        """Split a line of the header into its fields, without quotes."""
+    def split_header(self, line: str) -> list[str]:
+        """Return the fields of a line of the header, without quotes."""
         parts = line.split(self.delimiter) if self.delimiter else line.split()
         out = [f.strip().strip("\"'").strip() for f in parts]
         return out[:-1] if self.delimiter and len(out) > 1 and not out[-1] else out
 
-    def numbers(self, rows: Lines, width: int) -> Float[np.ndarray, "nt n"]:
+    def parse_rows(self, rows: Lines, width: int) -> Float[np.ndarray, "nt n"]:
         """Return the numbers of all rows of ``width`` fields, NaN where they are missing.
 
         Raise ValueError, naming line and field, if one is no number.
         """
         text = [x for _, x in rows]
-        if any(c in x for x in (text[0], text[-1]) for c in "\"'dD") or self.fields(text[0]) != self.names(text[0]):
-            text = [",".join(self.fields(x, width)) for x in text]
+        unusual = any(c in x for x in (text[0], text[-1]) for c in "\"'dD")  # quotes, or exponents of Fortran
+        if unusual or self.split_fields(text[0]) != self.split_header(text[0]):
+            text = [",".join(self.split_fields(x, width)) for x in text]
         delimiter = "," if text[0] is not rows[0][1] else self.delimiter or None
         try:
             out = np.loadtxt(text, delimiter=delimiter, ndmin=2, comments=None)
         except ValueError:
-            return np.array([self._row(*row, width) for row in rows])
+            return np.array([self._parse_row(*row, width) for row in rows])
         if out.shape[1] != width:
             raise ValueError(f"{width} columns are named, the first row has {out.shape[1]}")
         return out
 
-    def _row(self, number: int, line: str, width: int) -> list[float]:
+    def _parse_row(self, number: int, line: str, width: int) -> list[float]:
         """Return the numbers of a line, NaN where they are missing.
 
         Raise ValueError if it is not a row of ``width`` fields.
         """
-        found = self.fields(line, width)
+        found = self.split_fields(line, width)
         if len(found) != width:
             raise ValueError(f"line {number} has {len(found)} fields, expected {width}")
         for k, text in enumerate(found):
@@ -139,7 +141,7 @@ def _find_format(sample: list[str]) -> tuple[str, str, int]:
     best, most = ("", ".", 0), 0
     for delimiter, decimal in FORMATS:
         form = _Form(delimiter, decimal)
-        widths = [len(f) for f in map(form.fields, sample) if _is_row(f, len(f))]
+        widths = [len(f) for f in map(form.split_fields, sample) if _is_row(f, len(f))]
         if not widths:
             continue
         width = max(set(widths), key=widths.count)
@@ -164,19 +166,19 @@ def _read_header(
     """Return names of columns, their units if a row has them, and titles, from the lines ``before`` the rows.
 
     ``remarks`` are comments, the last of which may be the header; ``names`` are given by the user. ``width`` is the
-    number of fields of a row, 0 without rows.
+    number of fields of a row, 0 without rows. Raise ValueError if no names fit the rows.
     """
     if not before:
         if names:
             return list(names), {}, []
         # header in a comment, as written by numpy.savetxt and Exudyn
-        if remarks and len(form.names(remarks[-1])) == width:
-            return form.names(remarks[-1]), {}, []
+        if remarks and len(form.split_header(remarks[-1])) == width:
+            return form.split_header(remarks[-1]), {}, []
         raise ValueError("it has no header: name its columns in order, --columns t,r_x,r_y,...")
     if not width:  # no rows
         found = next((d for d in (";", "\t", ",") if d in before[0][1]), "")
-        return _Form(found, ".").names(before[0][1]), {}, []
-    split = [form.names(x) for _, x in before]
+        return _Form(found, ".").split_header(before[0][1]), {}, []
+    split = [form.split_header(x) for _, x in before]
     fitting = [k for k, f in enumerate(split) if len(f) == width]
     if not fitting:
         number, named = before[-1][0], split[-1]
@@ -195,10 +197,11 @@ def is_number(text: str) -> bool:
 
 
 def measure_resolution(values: Float[np.ndarray, " nt"], printed: list[str]) -> Float[np.ndarray, " nt"]:
-    """Return half a unit of the last digit of ``values``: %f fixes the decimals of a column, %e and %g its digits.
+    """Return half a unit of the last printed digit of each of ``values``.
 
-    ``printed`` is a sample of the column's fields. Whole numbers are exact, for they are mostly zeros of a planar
-    motion. Numbers that float32 represents to all printed digits are taken to be computed in it.
+    %f fixes the decimals of a column, %e and %g its digits; ``printed`` is a sample of the column's fields. Columns of
+    whole numbers count as exact, with 0, for they are mostly zeros of a planar motion. Numbers that float32 represents
+    to all printed digits are taken to be computed in it.
     """
     digits, decimals = 1, 0
     for match in filter(None, map(NUMBER.fullmatch, printed)):

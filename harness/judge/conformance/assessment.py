@@ -22,7 +22,7 @@ from ...results.words import compute_reaction_error, describe_status, format_acc
 from ...results.work import count_index_1_evaluations
 from ..cost import judge_growth
 from ..referee.certificates.drift import PERIODS, analyse_drift
-from ..referee.certificates.orders import certify
+from ..referee.certificates.orders import certify_orders
 from .presentations import LOOP, TREE, assess_symmetries, make_trial_run, plan_symmetries
 
 QUANTITIES = ("position", "orientation", "energy", "reaction")
@@ -52,23 +52,25 @@ CLOCK = 5e-3  # [s] shorter runs say nothing about cost
 Run = TypeVar("Run", RunRecord, RunSpec)
 
 
-def plan_runs(solver: str, wall: float) -> list[RunSpec]:
-    """Return all runs but the long one: ladders and symmetries first, then the problems.
+def plan_runs(solver: str, cpu_limit: float) -> list[RunSpec]:
+    """Return all runs but the long one, each of at most ``cpu_limit`` [s] of CPU time.
 
-    ``wall`` [s] limits the CPU time of each.
+    They are ladders, symmetries and chains, then the problems.
     """
     out = []
     for who in (solver, *FIELD):
         for name, parameters in LADDERS.items():
             kind = registry.solvers()[who].control
             values = VALUES[name, kind] if who == solver else VALUES[name, kind][1::2]
-            out += [make_trial_run(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", wall) for x in values]
-    out += plan_symmetries(solver, "four_bar_grid", LOOP, wall)
+            out += [
+                make_trial_run(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", cpu_limit) for x in values
+            ]
+    out += plan_symmetries(solver, "four_bar_grid", LOOP, cpu_limit)
     for links in LINKS:
-        out.append(make_trial_run(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", wall))
+        out.append(make_trial_run(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", cpu_limit))
     for name in registry.problems():
         own = make_problem(name)
-        out.append(make_trial_run(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
+        out.append(make_trial_run(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", cpu_limit))
     return list({s.settings_id: s for s in out}.values())
 
 
@@ -87,10 +89,12 @@ def run_stages(
 ) -> list[RunSpec]:
     """Run stages until ``budget`` [s] of CPU time is spent; return all runs that were planned.
 
-    ``run_stage`` takes all runs so far, the CPU time left [s], and whether some are done; it returns None if cut short.
+    ``run_stage`` takes all runs of this stage and those before, the CPU time left [s], and whether some are done; it
+    returns their records, or None if cut short, which ends all. Symmetries of a tree are added if those of the loop are
+    refused, and a long run once symmetries are known.
     """
     begun = _cpu_seconds()
-    specs = plan_runs(solver, wall=min(20.0, budget / 6.0))
+    specs = plan_runs(solver, cpu_limit=min(20.0, budget / 6.0))
     stages, done, long, on_tree = plan_stages(solver, specs), list[RunSpec](), False, False
     while stages and (not done or _cpu_seconds() - begun < budget):
         resume = bool(done)
@@ -102,7 +106,7 @@ def run_stages(
         # refused for redundant rows
         if not on_tree and presented and all(r.status == Status.REFUSED for r in presented):
             on_tree = True
-            stages.insert(0, plan_symmetries(solver, "random_mechanism", TREE, wall=min(20.0, budget / 6.0)))
+            stages.insert(0, plan_symmetries(solver, "random_mechanism", TREE, cpu_limit=min(20.0, budget / 6.0)))
             specs += stages[0]
         if not long and any(s.label == "symmetries" for s in done):
             long, rest = True, budget - (_cpu_seconds() - begun)
@@ -118,9 +122,9 @@ def _cpu_seconds() -> float:
 
 
 def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
-    """Return a run of the pendulum for ``seconds`` of CPU time; None if it has too few periods or unknown speed."""
+    """Return a run of the pendulum for ``seconds`` [s] of CPU time; None if it has too few periods or unknown speed."""
     control = registry.solvers()[solver].control
-    done = [r for r in _select(solver, records, "ladder") if r.problem == "spherical_pendulum" and r.steps]
+    done = [r for r in _select_runs(solver, records, "ladder") if r.problem == "spherical_pendulum" and r.steps]
     if not done:
         return None
     if control == "dt":
@@ -136,44 +140,43 @@ def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> 
 
 
 def certify_ladders(solver: str, folder: Path, records: Sequence[RunRecord]) -> Sequence[Order]:
-    """Return the measurable certificates of the solver's ladders."""
-    return [o for o in certify(folder, _select(solver, records, "ladder")) if o.is_measured]
+    """Return the orders that could be measured on the solver's ladders, among ``records`` of runs in ``folder``."""
+    return [o for o in certify_orders(folder, _select_runs(solver, records, "ladder")) if o.is_measured]
 
 
 def assess_solver(
     solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
-    """Yield all findings in the order of the page.
+    """Yield all findings on a solver, in the order of the page, from the records of the runs in ``folder``.
 
-    ``found`` are the orders of the solver's ladders, ``left`` the planned runs that the budget excluded.
+    ``found`` are the orders of its ladders, ``left`` the planned runs that the budget excluded.
     """
-    ladder, rest = _select(solver, records, "ladder"), _select(solver, left, "ladder")
-    yield from _assess_problems(_select(solver, records, "problems"))
+    ladder, rest = _select_runs(solver, records, "ladder"), _select_runs(solver, left, "ladder")
+    yield from _assess_problems(_select_runs(solver, records, "problems"))
     yield from _assess_orders(found, ladder, rest)
     yield _assess_energy(solver, records, folder, left)
-    yield from _assess_laws(_select(solver, records, "problems"), ladder, rest)
+    yield from _assess_laws(_select_runs(solver, records, "problems"), ladder, rest)
     yield from _assess_work(solver, records, left)
-    presented, cut = _select(solver, records, "symmetries"), len(_select(solver, left, "symmetries"))
+    presented, cut = _select_runs(solver, records, "symmetries"), len(_select_runs(solver, left, "symmetries"))
     yield from assess_symmetries(folder, presented, _describe_cut(cut, len(presented)))
-    yield _assess_growth(_select(solver, records, "growth"), _select(solver, left, "growth"))
+    yield _assess_growth(_select_runs(solver, records, "growth"), _select_runs(solver, left, "growth"))
 
 
-def _select(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
+def _select_runs(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
     """Return the runs of ``solver`` that have the ``label``."""
     return [r for r in runs if r.solver == solver and r.label == label]
 
 
 def _describe_cut(left: int, run: int) -> str:
-    """Describe why a finding is undetermined: the budget excluded ``left`` of its runs and allowed ``run``."""
+    """Describe why a finding is undetermined: the budget excluded ``left`` of its runs, and ``run`` were made."""
     if not run:
         return "no run of it within the budget"
     return f"{left} of {left + run} runs of it are left out by the budget"
 
 
 def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
-    """Yield how the solver ended on each problem of the catalogue; refusals and slow runs are not judged."""
+    """Yield a finding on how the solver ended on each problem; refusals and runs that were too slow are left open."""
     for r in sorted(runs, key=lambda r: r.problem):
-        # neither a refusal nor slowness is wrong
         open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)
         if Trait.STIFF in registry.problems()[r.problem].tests:  # stiff: a step may be too long for any method
             open_ |= r.status in (Status.DIVERGED, Status.STEP_UNDERFLOW)
@@ -192,7 +195,7 @@ def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
 def _assess_orders(
     found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
-    """Yield the measured orders of each ladder or, without any, why: runs that failed, or were left out."""
+    """Yield the orders ``found`` of each ladder or, without any, why: runs that failed, or were ``left`` out."""
     for name in LADDERS:
         yield from (o.as_finding() for o in found if o.problem == name and o.quantity in QUANTITIES)
         if not any(o.problem == name for o in found):
@@ -201,10 +204,10 @@ def _assess_orders(
 
 
 def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Finding:
-    """Return the finding on a missing order of the quantity ``what``, with the reason.
+    """Return the finding named ``what`` on a ladder without an order, with the reason.
 
-    The reason is that runs were too slow, if that holds for all unfinished runs of the ladder, else the runs that
-    failed; ``left`` is the number of runs that the budget excluded.
+    It is undetermined if the budget excluded runs (``left`` of them) or if all unfinished runs were too slow; otherwise
+    it fails, with the statuses of the runs.
     """
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
     if not ladder or (left and not ends):
@@ -217,11 +220,11 @@ def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Find
 
 
 def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
-    """Return how the energy error [J] oscillates and drifts over many periods of a pendulum: a finding without a limit.
+    """Return the finding, without a limit, on oscillation [J] and trend [W] of the energy error of a long run.
 
     ``left`` are the planned runs that the budget excluded.
     """
-    runs = _select(solver, records, "long")
+    runs = _select_runs(solver, records, "long")
     if not runs:
         words = _describe_cut(1, 0) if left else f"{PERIODS} periods would take longer than the budget"
         return leave_undetermined("energy over many periods", words)
@@ -238,7 +241,7 @@ def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left
 def _assess_laws(
     runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
-    """Yield the largest violation of the joints on all problems, and the error of reactions on the ladders."""
+    """Yield the largest violation of joints over ``runs``, and the least error of reactions over ``ladder``."""
     moved = [r for r in runs if r.steps and r.gap_share_max >= 0.0]
     if moved:
         worst = max(moved, key=lambda r: r.gap_share_max)
@@ -256,7 +259,7 @@ def _assess_laws(
 
 
 def _assess_work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
-    """Yield the least error on each ladder with its CPU time, and that of the fastest rival as accurate."""
+    """Yield the least error on each ladder with its CPU time, and the cheapest run of a rival that is as accurate."""
     for name in LADDERS:
         sound = [r for r in records if r.label == "ladder" and r.problem == name and r.status == Status.SUCCESS]
         mine = [r for r in sound if r.solver == solver]
@@ -285,7 +288,7 @@ def _describe_time(r: RunRecord) -> str:
 
 
 def _assess_growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Finding:
-    """Return how the CPU time of a step grows with the number of bodies of a chain: the exponent n^p."""
+    """Return the finding on how the CPU time of a step grows with the number n of bodies of a chain: p of n^p."""
     quantity = "cost of a step in bodies"
     done = sorted((r.parameters.get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps)
     if len(done) < 3:

@@ -22,9 +22,9 @@ from ..order import (
     SLOPE,
     bound_remainder,
     find_least_fall,
-    is_of_motion,
+    grows_or_stays_constant,
     judge_ladder,
-    take_power_away,
+    remove_power,
 )
 from .trials import Evidence, find_missing
 
@@ -37,10 +37,13 @@ Residual = tuple[np.ndarray, np.ndarray]  # times [s], and the size at each, in 
 
 
 def check_order(e: Evidence) -> Finding:
-    """Measure the order of the motion in dt at the finest halving, or the decrease of its errors with rtol."""
+    """Measure the order of the motion in dt at the finest halving, or the decrease of its errors with rtol.
+
+    The error is that of positions over the length of the motion, or that of orientations [rad] if it is larger.
+    """
 
     def error(r: RunRecord) -> float:
-        """Return the error of a run, of the length or in radians."""
+        """Return the larger of a run's position error over the length of the motion and its orientation error [rad]."""
         return max(r.position_error_max_m / r.length_scale_m, r.orientation_error_max_rad)
 
     return _judge_errors(e, error, "of the length, or rad,", ROUNDED, declared=e.order)
@@ -49,11 +52,12 @@ def check_order(e: Evidence) -> Finding:
 def check_reaction_order(e: Evidence) -> Finding:
     """Measure the order of reactions in dt at the finest halving, or the decrease of their errors with rtol.
 
-    It tells the order declared from that of reactions one step late, and theirs from none.
+    Required is order 1, or ``SECOND_ORDER`` of a solver that declares a second or higher order: its reactions have
+    order 1 if they are one step late.
     """
 
     def error(r: RunRecord) -> float | None:
-        """Return the error of the reactions of a run, of the largest; None if it has none."""
+        """Return the reaction error of a run as a fraction of the largest reaction; None if it has no reactions."""
         share = r.reaction_error_max_N / r.reaction_size_N
         return share if math.isfinite(share) else None
 
@@ -64,7 +68,10 @@ def check_reaction_order(e: Evidence) -> Finding:
 def _judge_errors(
     e: Evidence, error: Callable[[RunRecord], float | None], what: str, resolved: float, **limits: float
 ) -> Finding:
-    """Judge the ladder by the ``error`` of its runs, with these ``limits``; the first run may be too coarse."""
+    """Judge the ladder by the ``error`` of its runs, None for a run without one; the first run may be too coarse.
+
+    ``what`` names the scale of the errors in words; ``resolved`` and ``limits`` are passed on to ``judge_ladder``.
+    """
     runs = e.select_runs("finer")
     if missing := find_missing(*runs[1:]):
         return missing
@@ -77,11 +84,11 @@ def _judge_errors(
 
 
 def check_residuals(e: Evidence) -> Finding:
-    """Measure what stays of |phi|, |phi_dot| and |R^T R - 1| as steps are halved, in parts of the motion's size.
+    """Measure what remains of |phi|, |phi_dot| and |R^T R - 1| as steps get smaller, relative to the motion's scales.
 
-    That is what is left at the finest step without the part in proportion to dt^order, and must fall with dt or be as
-    small as iterations leave it; with rtol it is the residual, which must fall with rtol. One that varies about one
-    size may be left by a tolerance of the solver: open.
+    With dt it is the residual at the finest step without its part in proportion to dt^order, which must fall with dt
+    or be as small as iterations leave it; with rtol it is the residual itself, which must fall with rtol. The finding
+    is left open for a residual that varies about one size, as a tolerance of the solver may leave it.
     """
     if missing := find_missing(*e.select_runs("finer")[1:]):
         return missing
@@ -93,12 +100,13 @@ def check_residuals(e: Evidence) -> Finding:
 
 
 def _judge_residuals(e: Evidence, roles: Sequence[str]) -> Iterator[tuple[bool, float, Finding]]:
-    """Yield the finding on what stays of each residual over the runs of these roles, if enough of them reached the end.
+    """Yield, for each residual, whether it fails, what remains of it over its limit, and the finding.
 
-    Each comes with whether it failed, and with what stays as a share of its limit.
+    ``roles`` are those of runs that differ in the step or tolerance alone, the coarsest first. Nothing is yielded if
+    too few of them reached the end.
     """
-    at_hand = [(r, s) for k in roles if (r := e.records.get(k)) is not None and (s := e.series[k]) is not None]
-    runs = [(r, s) for r, s in at_hand if r.claimed == Status.SUCCESS]
+    recorded = [(r, s) for k in roles if (r := e.records.get(k)) is not None and (s := e.series[k]) is not None]
+    runs = [(r, s) for r, s in recorded if r.claimed == Status.SUCCESS]
     if len(runs) < (3 if e.control == "dt" else 2):
         return
     settings = [e.find_setting(r) for r, _ in runs]
@@ -109,24 +117,25 @@ def _judge_residuals(e: Evidence, roles: Sequence[str]) -> Iterator[tuple[bool, 
             continue
         largest = [float(np.max(size)) for _, size in sizes]
         if e.control == "rtol":
-            (t, left), most = sizes[-1], bound_remainder(largest[0], find_least_fall(settings))
+            (t, remainder), limit = sizes[-1], bound_remainder(largest[0], find_least_fall(settings))
         else:
-            (_, coarse), (t, left) = (_find_remainder(one, other, e.order) for one, other in pairwise(sizes[-3:]))
+            # the remainders of the last two pairs of runs
+            (_, coarse), (t, remainder) = (_find_remainder(one, other, e.order) for one, other in pairwise(sizes[-3:]))
             if len(t) < 2 or len(coarse) < 2:
                 continue
-            most = bound_remainder(float(np.max(coarse)))
+            limit = bound_remainder(float(np.max(coarse)))
         at = ", ".join(f"{x:g}" for x in settings)
         words = f"{name} up to {', '.join(f'{x:.3g}' for x in largest)} of it at {e.control} {at}: {runs[-1][0].case}"
-        share = float(np.max(left))
-        exceeds = share > most
-        if exceeds and not is_of_motion(t, left):
-            yield False, share / most, leave_open(f"as a tolerance leaves it, {words}")
+        most = float(np.max(remainder))
+        exceeds = most > limit
+        if exceeds and not grows_or_stays_constant(t, remainder):
+            yield False, most / limit, leave_open(f"as a tolerance leaves it, {words}")
         else:
-            yield exceeds, share / most, judge_value(share, "of the motion's size", most=most, words=words)
+            yield exceeds, most / limit, judge_value(most, "of the motion's size", most=limit, words=words)
 
 
 def _measure_residuals(r: RunRecord, series: Series) -> dict[str, Residual]:
-    """Return the residuals of a run by name, each in parts of what the laws compare it with."""
+    """Return the residuals of a run by name, each relative to the scale that its law compares it with."""
     joints = {"|phi|": (Law.CONSTRAINT, r.gap_share_max, "phi_norm")}
     joints["|phi_dot|"] = Law.CONSTRAINT_RATE, r.gap_rate_share_max, "phi_dot_norm"
     out = {"|R^T R - 1|": series.points("orthogonality")}
@@ -139,11 +148,11 @@ def _measure_residuals(r: RunRecord, series: Series) -> dict[str, Residual]:
 
 
 def _find_remainder(coarse: Residual, fine: Residual, order: float) -> Residual:
-    """Return what stays of a residual, at the times of both runs, without its part in proportion to dt^order.
+    """Return the finer run's residual without its part in proportion to dt^order, at the times that both runs have.
 
-    The second run has half the step of the first.
+    ``fine`` is the residual of a run with half the step of ``coarse``.
     """
     (t, size), (t_fine, size_fine) = coarse, fine
     near = np.minimum(np.searchsorted(t_fine, t * (1.0 - SAME_TIME)), len(t_fine) - 1)
     common = np.abs(t_fine[near] - t) <= SAME_TIME * t_fine[-1]
-    return t[common], take_power_away(size[common], size_fine[near[common]], order)
+    return t[common], remove_power(size[common], size_fine[near[common]], order)

@@ -26,7 +26,7 @@ from ...results.findings import Finding, judge_value, leave_open, make_failure
 from ...results.words import describe_span
 from ..distance import measure_distance
 from ..invariance import TURNED
-from ..law import PRODUCTS, SMALL, allow_differenced, allow_exact, judge_laws
+from ..law import PRODUCTS, SMALL, compute_derivative_tolerance, compute_law_tolerance, judge_largest_error
 from ..metrics.scales import find_scales
 
 FIELDS = ("r", "R", "v", "Omega")  # fields of a state
@@ -76,7 +76,7 @@ class Subject:
         return np.linspace(0.0, min(self.problem.t_end, self.best_reference.horizon), SAMPLES)
 
     def describe_span(self, end: float) -> str:
-        """Return ``compared to 58.8 of 2000 s`` if ``end`` [s] is before the problem's own end, else ""."""
+        """Return ``compared to 58.8 of 2000 s`` if ``end`` [s] is before the problem's own end, else an empty text."""
         return describe_span(end, self.problem.t_end)
 
     @cached_property
@@ -99,21 +99,22 @@ class Subject:
 
     @cached_property
     def rate(self) -> float:
-        """The rate at which poses change [rad/s].
+        """The fastest rate at which poses change [rad/s].
 
-        For bodies that turn little, such as a point mass on a link, it is speed over the length of the motion.
+        It is the largest angular velocity or, for bodies that turn little, such as a point mass on a link, the largest
+        speed over the length of the motion; one over the time of the motion is added.
         """
         crossing = float(np.max(np.linalg.norm(self.best_states.v, axis=-1))) / self.size.length
         return 1.0 / max(self.t[-1], 1e-9) + max(float(np.max(np.abs(self.best_states.Omega))), crossing)
 
     @property
-    def allowed_share(self) -> float:
-        """The error allowed for an exact motion with the largest stated error, as a fraction of its scales."""
-        return allow_exact(self.largest_error / self.size.length)
+    def law_tolerance(self) -> float:
+        """The tolerance on laws of an exact motion with this largest stated error, as a fraction of their scales."""
+        return compute_law_tolerance(self.largest_error / self.size.length)
 
-    def allowed_difference(self, step: float) -> float:
-        """Return the allowed fraction for derivatives taken from differences over ``step`` [s]."""
-        return allow_differenced(self.largest_error / self.size.length, step * self.rate)
+    def find_derivative_tolerance(self, step: float) -> float:
+        """Return the relative tolerance on derivatives that are computed by differences over steps of ``step`` [s]."""
+        return compute_derivative_tolerance(self.largest_error / self.size.length, step * self.rate)
 
 
 def check_documentation(s: Subject) -> Finding:
@@ -132,7 +133,10 @@ def check_documentation(s: Subject) -> Finding:
 
 
 def check_initial_state(s: Subject) -> Finding:
-    """Check that phi and phi_dot vanish at the start, as solvers do before the first step."""
+    """Check that phi and phi_dot vanish at the start, by the same check as solvers make before the first step.
+
+    The finding also states the number of constraint rows, their rank and the degrees of freedom.
+    """
     made = registry.problems()[s.name].make()
     try:
         check_start(made.system, made.initial)
@@ -146,7 +150,10 @@ def check_initial_state(s: Subject) -> Finding:
 
 
 def _count_freedom(made: Problem) -> str:
-    """Describe rows, their rank and degrees of freedom at the start, from singular values of normalised rows."""
+    """Describe the constraint rows at the start, in words: their number, rank, and the degrees of freedom.
+
+    Joints with redundant rows are named. The rank is that of the rows scaled to unit length.
+    """
     system = made.system
     size = np.linalg.svd(_normalise_rows(system, made.initial), compute_uv=False)
     rank = int(np.sum(size > RANK * np.max(size, initial=0.0)))
@@ -158,9 +165,10 @@ def _count_freedom(made: Problem) -> str:
 
 
 def find_redundant_joints(system: MultibodySystem, state: State) -> list[int]:
-    """Return nearly the fewest joints that can lose all redundant rows, so that the other rows are independent.
+    """Return the indices of joints without which the constraint rows are independent, as few as a greedy search finds.
 
-    Joints are taken in the order of their numbers of rows, and kept if their rows are independent of those kept before.
+    Joints are taken in the order of their numbers of rows, the fewest first, and each is kept if its rows are
+    independent of those kept before. The others are returned.
     """
     A = _normalise_rows(system, state)
     rows = [np.arange(system.row_start[k], system.row_start[k + 1]) for k in range(system.nj)]
@@ -195,7 +203,10 @@ def check_energy_scale(s: Subject) -> Finding:
 
 
 def check_scalars(s: Subject) -> Finding:
-    """Check that observables and invariants map states (nt,) to (nt,) finite numbers, equal for equal states."""
+    """Check that observables and invariants give one finite number per time, equal for equal states.
+
+    Their names must be different identifiers, and their units texts. Left open if there are none.
+    """
     p = s.problem
     scalars: list[Observable | Invariant] = [*p.observables, *p.invariants]
     for names in ([m.name for m in p.observables], [m.name for m in p.invariants]):
@@ -216,7 +227,7 @@ def check_scalars(s: Subject) -> Finding:
 
 
 def check_repeatability(s: Subject) -> Finding:
-    """Check that start, masses and reference agree bit for bit if the problem is made twice."""
+    """Check that start, masses and reference agree bit for bit with those of the problem made a second time."""
     again = registry.make_problem(s.name)
     reference = again.reference()
     if (reference is None) != (s.reference is None):
@@ -225,11 +236,13 @@ def check_repeatability(s: Subject) -> Finding:
     pairs["masses"] = s.problem.system.mass, again.system.mass
     if reference is not None:
         pairs["the reference"] = s.best_states.r, reference.states(s.t).r
-    return judge_laws({name: (float(np.max(np.abs(a - b), initial=0.0)), "") for name, (a, b) in pairs.items()}, 0.0)
+    return judge_largest_error(
+        {name: (float(np.max(np.abs(a - b), initial=0.0)), "") for name, (a, b) in pairs.items()}, 0.0
+    )
 
 
 def check_turned(s: Subject) -> Finding:
-    """Check that observables of the start agree to ``TURNED`` if the problem is rotated by exp(0.3, -0.2, 0.5)."""
+    """Check that observables of the start agree to ``TURNED`` if the problem is rotated by a fixed rotation vector."""
     turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the rotated start
     here = s.problem.observe(States.one(s.problem.initial))
     there = turned.observe(States.one(turned.initial))
@@ -238,11 +251,14 @@ def check_turned(s: Subject) -> Finding:
         a, b = (float(np.ravel(values[name])[0]) for values in (here, there))
         words = f"is {a:.6g} at the start, {b:.6g} when everything is turned"
         found[name] = abs(a - b) / (1.0 + s.size.length + abs(a)), words
-    return judge_laws(found, TURNED)
+    return judge_largest_error(found, TURNED)
 
 
 def check_stated_error(s: Subject) -> Finding:
-    """Check that error(t) [m] is finite, >= 0 and below a thousandth of the size, and route and horizon are given."""
+    """Check that the reference states a finite error >= 0 [m] at each time, with its route and a horizon above zero.
+
+    The error must be at most ``JUDGED`` of the length scale.
+    """
     assert s.reference is not None
     own = s.stated_error
     if own.shape != s.t.shape or not np.all(np.isfinite(own)) or np.any(own < 0.0):
@@ -261,11 +277,14 @@ def check_reference_start(s: Subject) -> Finding:
     for name, unit in units.items():
         gap = float(np.max(np.abs(getattr(s.best_states[0], name) - getattr(p.initial, name)), initial=0.0))
         found[name] = gap / unit, f"differs by {gap:.3g} at t = 0"
-    return judge_laws(found, s.allowed_share)
+    return judge_largest_error(found, s.law_tolerance)
 
 
 def check_computed_reference(s: Subject) -> Finding:
-    """Check that reference and computed reference agree to their stated errors, in position and angle times radius."""
+    """Check that the problem's own reference agrees with the computed one to the stated errors of both.
+
+    Their distance is that of positions, or the angle times the radius of gyration. Left open if none can be computed.
+    """
     if s.computed_reference is None:
         return leave_open("none can be computed for this system")
     t = s.t[s.t <= s.computed_reference.horizon]
@@ -273,7 +292,7 @@ def check_computed_reference(s: Subject) -> Finding:
     gap = measure_distance(s.best_states.at(slice(len(t))), there, s.problem.system.gyration)
     beyond = np.maximum(gap - s.stated_error[: len(t)] - s.computed_reference.error(t), 0.0)
     words = ", ".join(filter(None, (f"r and R are {np.max(gap):.3g} m apart", s.describe_span(t[-1]))))
-    return judge_laws({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
+    return judge_largest_error({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
 
 
 def check_joints(s: Subject) -> Finding:
@@ -281,7 +300,7 @@ def check_joints(s: Subject) -> Finding:
     phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.best_states)), initial=0.0))
     defect = float(np.max(so3.orthogonality_defect(s.best_states.R)))
     joints = phi / max(s.size.length, 1.0), f"reaches {phi:.3g}"
-    return judge_laws({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.allowed_share)
+    return judge_largest_error({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.law_tolerance)
 
 
 def check_energy(s: Subject) -> Finding:
@@ -289,13 +308,16 @@ def check_energy(s: Subject) -> Finding:
     if not s.problem.system.is_conservative:
         return leave_open("a damper, a load or a drive acts")
     spread = float(np.ptp(motion.energy(s.problem.system, s.best_states)))
-    return judge_laws(
-        {"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.allowed_share
+    return judge_largest_error(
+        {"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.law_tolerance
     )
 
 
 def check_invariants(s: Subject) -> Finding:
-    """Check that each invariant is constant along the motion, relative to the scale of its unit."""
+    """Check that each invariant is constant along the best reference, relative to the scale of its unit.
+
+    A unit without a scale has the largest value of the invariant instead. Left open without any reference.
+    """
     if s.best_reference is None:
         return leave_open("no reference, and none can be computed")
     at_home, found = s.problem.home(s.best_states), {}
@@ -306,13 +328,14 @@ def check_invariants(s: Subject) -> Finding:
         spread = float(np.ptp(values))
         words = (f"changes by {spread:.3g} {kept.unit}, of {scale:.3g}", s.describe_span(s.t[-1]))
         found[kept.name] = spread / scale, ", ".join(filter(None, words))
-    return judge_laws(found, PRODUCTS * s.allowed_share)
+    return judge_largest_error(found, PRODUCTS * s.law_tolerance)
 
 
 def _sample_around(s: Subject) -> tuple[list[States], float]:
-    """Return the reference at seven equidistant times around each of some sample times, and their distance [s].
+    """Return the reference at seven equidistant times around some of the sample times, and their spacing [s].
 
-    The seven times are the nodes of the difference formula ``DIFFERENCE``; the fourth is the sample time.
+    The seven times are the nodes of the difference formula ``DIFFERENCE``; the fourth is the sample time. Each of the
+    seven states has an entry per sample time.
     """
     assert s.reference is not None
     step = min(1e-2 / s.rate, s.t[-1] / 100.0)
@@ -331,11 +354,14 @@ def check_rates(s: Subject) -> Finding:
         "dr/dt - v": (v / s.size.length / s.rate, f"reaches {v:.3g} m/s"),
         "dR/dt - R hat(Omega)": (Omega / s.rate, f"reaches {Omega:.3g} 1/s"),
     }
-    return judge_laws(found, s.allowed_difference(step))
+    return judge_largest_error(found, s.find_derivative_tolerance(step))
 
 
 def check_newton_euler(s: Subject) -> Finding:
-    """Check that m dv/dt and J dOmega/dt + Omega x J Omega minus applied loads are in the range of A^T."""
+    """Check that the reference obeys Newton's and Euler's equations: the loads that are left over are joint forces.
+
+    These are m dv/dt and J dOmega/dt + Omega x J Omega, minus applied loads, and must be in the range of A^T.
+    """
     system = s.problem.system
     near, step = _sample_around(s)
     v_dot, W_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("v", "Omega"))
@@ -353,4 +379,4 @@ def check_newton_euler(s: Subject) -> Finding:
         worst.append(float(np.max(np.abs(left))))
     top = float(np.max(worst))
     found = {"m a - f": (top / scale, f"has {top:.3g} N (or N m) that are not joint forces")}
-    return judge_laws(found, PRODUCTS * s.allowed_difference(step))
+    return judge_largest_error(found, PRODUCTS * s.find_derivative_tolerance(step))

@@ -22,24 +22,35 @@ EXPECTED = "frames, mirror, units, numbering, time"
 
 
 def make_trial_run(
-    solver: str, problem: str, given: Values, control: Values, label: str, wall: float, options: Values | None = None
+    solver: str,
+    problem: str,
+    given: Values,
+    control: Values,
+    label: str,
+    cpu_limit: float,
+    options: Values | None = None,
 ) -> RunSpec:
-    """Return the run of a solver on a problem with parameters ``given``, at most ``wall`` [s] of CPU time.
+    """Return the run of a solver on a problem with parameters ``given``, of at most ``cpu_limit`` [s] of CPU time.
 
-    ``control`` is its step or tolerance, ``label`` the group of runs that it belongs to, such as ``ladder``.
+    ``control`` is its step or tolerance, ``label`` the group of runs that it belongs to, such as ``ladder``;
+    ``options`` are those of the solver that are not defaults.
     """
-    return make_spec(make_problem(problem, given), solver, options, control, label=label, cpu_limit=wall)
+    return make_spec(make_problem(problem, given), solver, options, control, label=label, cpu_limit=cpu_limit)
 
 
-def plan_symmetries(solver: str, problem: str, parameters: Mapping[str, Any], wall: float) -> list[RunSpec]:
-    """Return runs of a problem unchanged, finer, perturbed and in each presentation, of at most ``wall`` [s] of CPU."""
+def plan_symmetries(solver: str, problem: str, parameters: Mapping[str, Any], cpu_limit: float) -> list[RunSpec]:
+    """Return runs of a problem unchanged, finer, perturbed and in each presentation, with a limit on CPU time [s].
+
+    For fixed steps, one more run has a tenth of the solver's tolerance, if it has one. ``parameters`` are those of the
+    problem.
+    """
     entry = registry.solvers()[solver]
     base = {"dt": 0.01} if entry.control == "dt" else {"rtol": 1e-6}
     finer = {"dt": 0.005} if entry.control == "dt" else {"rtol": 1e-7}
 
     def present(change: Mapping[str, Any], control: Mapping[str, float], **options: float) -> RunSpec:
-        """Return the run of the problem with this change, step or tolerance, and options."""
-        return make_trial_run(solver, problem, {**parameters, **change}, control, "symmetries", wall, options)
+        """Return the run of the problem with a ``change`` of its parameters, a step or tolerance, and options."""
+        return make_trial_run(solver, problem, {**parameters, **change}, control, "symmetries", cpu_limit, options)
 
     out = [present({}, control) for control in (base, finer)]
     if entry.control == "dt" and (tolerance := entry.parameters.get("tolerance")):
@@ -48,16 +59,20 @@ def plan_symmetries(solver: str, problem: str, parameters: Mapping[str, Any], wa
 
 
 def assess_symmetries(folder: Path, runs: Sequence[RunRecord], none: str) -> Iterator[Finding]:
-    """Yield findings on broken symmetries and on how many hold; ``none`` is why nothing is determined without any."""
+    """Yield a finding for each symmetry that is broken or could not be tested, and one on how many hold.
+
+    ``folder`` has the series of ``runs``. ``none`` is the reason stated if there is no symmetry to count.
+    """
     found = check_symmetries(folder, runs)
     yield from (s.as_finding() for s in found if s.verdict in ("broken", "failed"))
     yield _count_symmetries(found, {r.settings_id: r.message for r in runs}, none)
 
 
 def _count_symmetries(found: Sequence[Symmetry], messages: Mapping[str, str], none: str = "") -> Finding:
-    """Return the finding on how many symmetries hold, of those on which the solver did not refuse a run.
+    """Return the finding on how many symmetries hold, of those for which the solver refused no run.
 
-    ``messages`` are those of the runs by settings_id, which say why a run was refused.
+    ``messages`` are those of the runs by settings_id, which say why a run was refused; ``none`` is the reason stated if
+    nothing was found.
     """
     taken = [s for s in found if s.verdict != "refused"]
     refused = Counter((s.problem, s.message or messages.get(s.settings_ids[0], "")) for s in found if s not in taken)

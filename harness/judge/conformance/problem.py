@@ -25,9 +25,13 @@ MEMORY = 2000.0  # [MB]
 
 
 def check_problem(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
-    """Return a finding for every requirement on the problem ``name``, whose code runs in another process."""
+    """Return a finding for every requirement on the problem ``name``, whose code runs in another process.
+
+    ``plugins`` are the files that this process loads first. If it ends early, the next requirement fails with how it
+    ended, and those after it as not reached.
+    """
     ended = ForkedProcess(
-        lambda send: _measure(name, plugins, send), limit=LIMIT, memory=MEMORY, code=CODE_LIMIT
+        lambda send: _measure_requirements(name, plugins, send), limit=LIMIT, memory=MEMORY, code=CODE_LIMIT
     ).wait()
     found = [msgspec.convert(json.loads(line), Finding) for line in ended.sent.splitlines()]
     words = ended.describe_limit(LIMIT, MEMORY) or f"its process {ended.words} here"
@@ -38,14 +42,17 @@ def check_problem(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
 
 
 def locate_error(error: BaseException, plugins: Sequence[str]) -> str:
-    """Return the last line of a plugin's file that the exception passed, as `` (fourbar.py:31)``; empty if none."""
+    """Return the last line of a plugin's file in the exception's traceback, as `` (fourbar.py:31)``; empty if none."""
     own = {str(Path(p).resolve()) for p in plugins}
     frames = [f for f in traceback.extract_tb(error.__traceback__) if str(Path(f.filename).resolve()) in own]
     return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
 
 
-def _measure(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> None:
-    """Measure all requirements on the problem ``name``, and send the finding on each as a line of JSON."""
+def _measure_requirements(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> None:
+    """Measure all requirements on the problem ``name``, and send the finding on each as JSON as soon as it is known.
+
+    If the problem cannot be made, the first requirement fails with the error, and the others are left open.
+    """
     for plugin in plugins:
         registry.load_plugin(plugin)
     subject, complaint = Subject(name), ""
@@ -60,12 +67,16 @@ def _measure(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> 
             remedy = "correct what raised it; nothing else can be tested before"
             found = leave_open("not tested: it cannot be made") if k else make_failure(complaint, remedy=remedy)
         else:
-            found = _measure_one(requirement, subject, plugins)
+            found = _measure_requirement(requirement, subject, plugins)
         send(json.dumps(asdict(found)))
 
 
-def _measure_one(requirement: Requirement, subject: Subject, plugins: Sequence[str]) -> Finding:
-    """Return the finding on one requirement; an error that the problem's code raises is a failure of it."""
+def _measure_requirement(requirement: Requirement, subject: Subject, plugins: Sequence[str]) -> Finding:
+    """Return the finding on one requirement; an error that the problem's code raises fails it.
+
+    An inconsistent start fails the requirement on the start alone, and leaves others open. Requirements on the
+    reference are open without one.
+    """
     try:
         if requirement.needs_reference and subject.reference is None:
             return leave_open("no reference")

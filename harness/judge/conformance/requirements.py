@@ -19,7 +19,11 @@ class Requirement:
 
 
 def assign_findings(subject: str, requirements: Sequence[Requirement], found: Iterable[Finding]) -> list[Finding]:
-    """Return findings with the texts of their requirements; a failure by an earlier cause is left open."""
+    """Return the findings with the texts of their requirements, one each, in the same order.
+
+    A failure with the cause of an earlier failure is left open, so that a cause is reported once. ``subject`` is the
+    name of the solver or problem.
+    """
     out, causes = list[Finding](), set[str]()
     for r, f in zip(requirements, found, strict=True):
         repeated = bool(f.cause) and not f.holds and f.cause in causes

@@ -41,9 +41,10 @@ DRIVEN = {"t_end": 1.0}  # [s] of ``pumped_pendulum``: a whole period of its dri
 
 
 def group_runs(solver: str) -> dict[str, RunSpec]:
-    """Return the runs that the requirements need, by role, such as ``easy top`` or ``finer 0``, the coarsest.
+    """Return the runs that the requirements need, by role, such as ``easy top``.
 
-    ``check_solver`` finds the record of each role by these runs.
+    ``finer 0`` to ``finer 3`` are a ladder of steps or tolerances, the coarsest first. ``check_solver`` finds the
+    record of each role by these runs.
     """
     control = registry.solvers()[solver].control
     fixed = control == "dt"
@@ -71,7 +72,10 @@ def make_suite(solver: str, plugins: tuple[str, ...]) -> Suite:
 
 
 def check_solver(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Finding]:
-    """Return a finding for every requirement on the solver, from ``records`` and series of its runs in ``folder``."""
+    """Return a finding for every requirement on the solver, from the records and series of its runs.
+
+    ``records`` has one for each run of ``group_runs``; their series are read from ``folder``.
+    """
     by_settings = {r.settings_id: r for r in records}
     mine = {role: by_settings[spec.settings_id] for role, spec in group_runs(solver).items()}
     series = {role: store.read_run_series(folder, r) for role, r in mine.items()}
@@ -83,7 +87,10 @@ def check_solver(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> l
 def _run(
     solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any] | None = None, **limits: float
 ) -> RunSpec:
-    """Return a run of the solver on a problem with its step or tolerance ``control``; ``limits`` bound its CPU time."""
+    """Return a run of the solver on a problem, with the step or tolerance in ``control``, else the default one.
+
+    ``limits`` replace the default limit on CPU time, ``cpu_limit`` [s].
+    """
     made = registry.make_problem(problem, parameters)
     return make_spec(made, solver, None, control, **{"cpu_limit": LIMIT, **limits})
 

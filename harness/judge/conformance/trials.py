@@ -45,13 +45,13 @@ class Evidence:
 
 
 def check_endings(e: Evidence) -> Finding:
-    """Count easy runs that neither succeed nor are refused."""
+    """Count easy runs that neither succeed nor are refused; those that a time limit ended are not counted."""
     easy = [r for r in e.select_runs("easy") if r.status != Status.UNFINISHED]
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
     open_ = [r for r in e.select_runs("easy") if r.status == Status.UNFINISHED]
     cause = _describe_crash(bad[0]) if bad else ""
     words, remedy = _describe_first(bad or open_) or _describe_qualified(easy), CRASHED if cause else ""
-    if bad and bad[0].status != Status.REFUSED and "ingular" in f"{cause} {words}":
+    if bad and bad[0].status != Status.REFUSED and "ingular" in f"{cause} {words}":  # redundant rows are a usual cause
         remedy = "; ".join(filter(None, (describe_redundant_rows(_make_problem(bad[0])), remedy)))
     return judge_value(
         len(bad), f"of {len(easy)} runs failed", most=0, words=words, count=len(easy), remedy=remedy, cause=cause
@@ -59,7 +59,10 @@ def check_endings(e: Evidence) -> Finding:
 
 
 def check_accepts(e: Evidence) -> Finding:
-    """Count easy runs that the solver neither refused nor crashed on; at least one is required."""
+    """Count easy runs that the solver neither refused nor crashed on; at least one is required.
+
+    If it crashed on all that it did not refuse, the crash is the failure.
+    """
     easy = e.select_runs("easy")
     refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
     if len(refused) + len(crashed) == len(easy) and (crash := _find_crash(crashed)):
@@ -69,7 +72,10 @@ def check_accepts(e: Evidence) -> Finding:
 
 
 def check_drives(e: Evidence) -> Finding:
-    """Check that the motion under a drive is a success; left open if the solver refuses drives."""
+    """Check that the motion under a drive is a success.
+
+    Left open if the solver refuses drives, if a time limit ended the run, or if the solver fails without drives, too.
+    """
     r = e.records["driven"]
     if r.status in (Status.REFUSED, Status.UNFINISHED):
         return leave_open(_describe_first([r]))
@@ -84,7 +90,7 @@ def check_drives(e: Evidence) -> Finding:
 
 
 def check_refusals(e: Evidence) -> Finding:
-    """Count refusals with fewer than two words."""
+    """Count refusals whose reason has fewer than two words; left open if nothing was refused or everything crashed."""
     if all(r.status == Status.CRASHED for r in e.records.values()):
         return leave_open("all its runs crashed")
     refused = [r for r in e.records.values() if r.status == Status.REFUSED]
@@ -95,7 +101,10 @@ def check_refusals(e: Evidence) -> Finding:
 
 
 def check_gyroscopic_torque(e: Evidence) -> Finding:
-    """Measure c of J Omega_dot = -c Omega x J Omega [N m], by least squares on its integral over the steps."""
+    """Measure c of J Omega_dot = -c Omega x J Omega [N m], by least squares on its integral over the steps.
+
+    It is 1 if the solver has the gyroscopic torque right, and must be within ``TORQUE`` of that.
+    """
     r, series = e.records["spinning"], e.series["spinning"]
     if series is None or find_missing(r):
         return find_missing(r) or make_failure("no series")
@@ -109,7 +118,10 @@ def check_gyroscopic_torque(e: Evidence) -> Finding:
 
 
 def check_reaction_shape(e: Evidence) -> Finding:
-    """Count the columns of reactions, in the first run where they differ from the rows or are sometimes NaN."""
+    """Count the columns of reactions, which must be as many as constraint rows, and NaN at all steps or at none.
+
+    The finding is on the first run where this fails, else on the last with reactions; left open if no run has any.
+    """
     out = leave_open("no reactions")
     for role, series in e.series.items():
         if series is not None and "frame_reaction" in series and out.holds:
@@ -122,7 +134,7 @@ def check_reaction_shape(e: Evidence) -> Finding:
 
 
 def check_reactions(e: Evidence) -> Finding:
-    """Measure the error of the joint forces on a body relative to the largest exact one, at the finest setting."""
+    """Measure the error of joint loads on a body, relative to the largest exact ones, in the finest run."""
     r = e.select_runs("finer")[-1]
     if missing := find_missing(r):
         return missing
@@ -134,7 +146,10 @@ def check_reactions(e: Evidence) -> Finding:
 
 
 def check_moments(e: Evidence) -> Finding:
-    """Measure the error of the joints' moment on a body about C relative to the largest exact one."""
+    """Measure the error of the joints' moment on a body about C, relative to the largest exact one, on a skew hinge.
+
+    Left open without reactions, and where those of the exact motion are ill-conditioned.
+    """
     r, series = e.records["easy hinge"], e.series["easy hinge"]
     if missing := find_missing(r):
         return missing
@@ -160,7 +175,7 @@ def check_moments(e: Evidence) -> Finding:
 
 
 def check_recording(e: Evidence) -> Finding:
-    """Measure the ratio of recorded steps to counted steps."""
+    """Measure the ratio of recorded steps to counted steps, which must be 1, in the run where it differs most."""
     shares = {r.case: r.steps / n for r in e.runs_with_steps if (n := r.counts.get("steps", 0)) > 0}
     if not shares:
         return leave_open("it has no counter named steps")
@@ -169,7 +184,7 @@ def check_recording(e: Evidence) -> Finding:
 
 
 def check_step_limit(e: Evidence) -> Finding:
-    """Measure the ratio of the largest time between records to dt or max_step."""
+    """Measure the largest ratio, over all runs, of the time between recorded steps to dt or max_step."""
     limit, column = ("dt", "dt_s") if e.control == "dt" else ("max_step", "max_step_s")
     gaps = {r.case: gap for r in e.runs_with_steps if math.isfinite(gap := r.step_max_s / getattr(r, column))}
     if not gaps:
@@ -179,7 +194,10 @@ def check_step_limit(e: Evidence) -> Finding:
 
 
 def check_repeatability(e: Evidence) -> Finding:
-    """Measure the largest difference between two runs with the same settings."""
+    """Measure the largest difference between two runs with the same settings, which must be zero.
+
+    Left open if a limit cut one of them, or if both failed alike.
+    """
     (one, a), (two, b) = ((e.records[role], e.series[role]) for role in ("finer 1", "again"))
     cut = [r for r in (one, two) if r.status in (Status.STALLED, Status.UNFINISHED) or r.claimed == Status.STALLED]
     if cut:
@@ -202,7 +220,8 @@ def make_stop_check(
     With ``itself`` the solver must also have stopped itself: by returning ``stalled``.
     """
 
-    def measure(e: Evidence) -> Finding:
+    def check_stop(e: Evidence) -> Finding:
+        """Check the number of steps, and that the solver stopped itself; left open if it refused the run."""
         r = e.records[role]
         good = r.claimed == Status.STALLED or not itself
         if crash := _find_crash([r]):
@@ -211,13 +230,13 @@ def make_stop_check(
             r.steps, "steps", least, most, _describe_first([r]), good=good, tested=r.status != Status.REFUSED
         )
 
-    return measure
+    return check_stop
 
 
 def find_missing(*runs: RunRecord) -> Finding | None:
     """Return the finding for runs that did not all reach the end: a failure, or left open if all were refused.
 
-    Return None if all reached it.
+    None if all reached it. A failure is that of the first such run; if a time limit ended one, the remedy says so.
     """
     if all(r.status == Status.REFUSED for r in runs):
         return leave_open(_describe_first(runs))
@@ -247,7 +266,7 @@ def _make_problem(r: RunRecord) -> Problem:
 
 
 def _describe_first(records: Sequence[RunRecord]) -> str:
-    """Return case, status and reasons of the first record, and how many others there are; empty for none."""
+    """Return case, status and reasons of the first record, and the number of the others; empty without records."""
     found = [f"{r.case}: {describe_status(r)}: {'; '.join(list_reasons(r))}" for r in records]
     return found[0] + (f" (and {len(found) - 1} more)" if found[1:] else "") if found else ""
 

@@ -58,7 +58,7 @@ class _File(Shape, frozen=True):
 def read_thresholds(path: Path, suite: str = "", *, is_new: bool = False) -> Thresholds:
     """Read a file of thresholds and check every entry; raise FileError if it is invalid, or of another ``suite``.
 
-    Of a file that ``is_new`` they are empty.
+    An empty ``suite`` accepts any. If the file ``is_new``, it is not read, and there are no thresholds.
     """
     found = Thresholds(suite) if is_new else parse_thresholds(read_text(path, "thresholds"), path)
     if suite and found.suite != suite:
@@ -67,7 +67,10 @@ def read_thresholds(path: Path, suite: str = "", *, is_new: bool = False) -> Thr
 
 
 def parse_thresholds(text: str, path: Path) -> Thresholds:
-    """Parse the text of a thresholds file; ``path`` names it in messages. Raise FileError if it is invalid."""
+    """Parse the text of a thresholds file, with the bounds that follow a rule and are not stored.
+
+    ``path`` names the file in messages. Raise FileError if the text is invalid.
+    """
     file = convert_shape(parse_toml(text, str(path)), _File, str(path))
     bounds: list[Threshold] = []
     case = "bounds"
@@ -86,7 +89,11 @@ def parse_thresholds(text: str, path: Path) -> Thresholds:
 
 
 def _read_row(case: str, columns: list[str], cells: list[str]) -> list[Threshold]:
-    """Return the thresholds in the line of a run; ``columns`` are ``width`` and then a metric for each cell."""
+    """Return the thresholds in the line of a run, split into ``cells``.
+
+    ``columns`` are the headings of the cells: ``width``, then metrics. Raise ValueError if they do not fit the cells,
+    or if the width is none of ``WIDTHS``.
+    """
     if len(cells) != len(columns) or columns[:1] != ["width"]:
         raise ValueError(f"{len(cells)} cells for {len(columns)} columns, of which the first must be width")
     rule = WIDTHS.get(cells[0])
@@ -97,9 +104,9 @@ def _read_row(case: str, columns: list[str], cells: list[str]) -> list[Threshold
 
 
 def _read_cell(case: str, metric: str, cell: str, rule: BoundWidth) -> Threshold:
-    """Return the threshold that a cell means; ``rule`` is the width of its line, for a cell with one number.
+    """Return the threshold that a cell means; raise ValueError unless the cell has one of the forms in ``HEAD``.
 
-    Raise ValueError unless the cell has one of the forms in ``HEAD``.
+    A cell with one number has the bounds that follow from it by the ``rule`` of its line, or the exact number of steps.
     """
     try:
         numbers = [msgspec.convert(x, Finite, strict=False) for x in cell.split("<")]
@@ -119,8 +126,8 @@ def _read_cell(case: str, metric: str, cell: str, rule: BoundWidth) -> Threshold
     return Threshold(case=case, metric=metric, value=value, upper=upper, lower=lower, reason=rule.reason)
 
 
-def write_thresholds(thresholds: Thresholds) -> str:
-    """Return thresholds as the text of their file."""
+def format_thresholds(thresholds: Thresholds) -> str:
+    """Return thresholds as the TOML text of their file, with a table per problem; nothing is written."""
     out = [
         HEAD,
         f"suite = {_format_toml(thresholds.suite)}",
@@ -133,7 +140,7 @@ def write_thresholds(thresholds: Thresholds) -> str:
     bounds = sorted(thresholds.bounds, key=lambda b: (*_split_case(b.case), b.metric))
     for name, group in groupby(bounds, lambda b: _split_case(b.case)[0]):
         runs = {case: {b.metric: b for b in of_run} for case, of_run in groupby(group, lambda b: b.case)}
-        out += _write_problem(f"problem.{_format_toml(name)}", runs)
+        out += _format_problem(f"problem.{_format_toml(name)}", runs)
     return "\n".join(out) + "\n"
 
 
@@ -143,10 +150,11 @@ def _split_case(case: str) -> tuple[str, str]:
     return name, run
 
 
-def _write_problem(table: str, runs: dict[str, dict[str, Threshold]]) -> list[str]:
-    """Return the lines of a problem's table: a line of cells for each run, then the bounds that fit no cell.
+def _format_problem(table: str, runs: dict[str, dict[str, Threshold]]) -> list[str]:
+    """Return the lines of the TOML table named ``table``: a line of cells per run, then the bounds that fit no cell.
 
-    ``runs`` has the bounds of each run by metric; the fingerprint that all runs share is removed from it.
+    ``runs`` has the thresholds by case and metric; from it, the fingerprint that all runs share is removed. A line has
+    the width by which most of its cells can be written.
     """
     prints = [bounds.get(rules.FINGERPRINT) for bounds in runs.values()]
     common = prints[0].value if prints[0] and all(b and b.tolerance is not None for b in prints) else None
@@ -170,7 +178,7 @@ def _write_problem(table: str, runs: dict[str, dict[str, Threshold]]) -> list[st
 
 
 def _format_cell(b: Threshold, width: BoundWidth) -> str:
-    """Return the shortest cell that stands for ``b`` in a line with this ``width``; empty if there is none."""
+    """Return the shortest cell that is read as the threshold ``b`` in a line with this ``width``; empty if none is."""
     value, lower, upper = (f"{x:.7g}" for x in (b.value, b.lower, b.upper))
     for cell in (value, f"{value}<{upper}", f"{lower}<{value}<{upper}") if b.metric in HEADINGS else ():
         with suppress(ValueError):

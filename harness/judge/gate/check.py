@@ -52,14 +52,17 @@ def has_moved(f: Finding) -> bool:
     return abs(f.value - f.before) > max(0.01 * abs(f.before), ROUNDED)
 
 
-def find_worst(findings: Sequence[Finding]) -> Verdict:
-    """Return the worst verdict of the gate's findings, which come first; FAILED if nothing was judged."""
+def find_worst_verdict(findings: Sequence[Finding]) -> Verdict:
+    """Return the worst verdict of the gate's findings, which are sorted with the worst first.
+
+    Skipped findings do not count; FAILED if nothing was judged.
+    """
     return next((f.verdict for f in findings if f.is_tested), Verdict.FAILED)
 
 
 def is_open(findings: Sequence[Finding]) -> bool:
-    """Return whether something was judged and nothing failed; failures that are expected do not count."""
-    return find_worst(findings) in (Verdict.XFAIL, Verdict.MET)
+    """Return whether the gate is open: something was judged, and nothing failed or passed against expectation."""
+    return find_worst_verdict(findings) in (Verdict.XFAIL, Verdict.MET)
 
 
 def count_states(findings: Sequence[Finding]) -> dict[str, int]:
@@ -72,14 +75,17 @@ def count_cases(findings: Sequence[Finding]) -> int:
     return len({f.subject for f in findings})
 
 
-def list_absent(findings: Sequence[Finding]) -> dict[str, str]:
+def list_missing_packages(findings: Sequence[Finding]) -> dict[str, str]:
     """Return the missing package by the case that it leaves unmeasured."""
     return {f.subject: f.cause for f in findings if f.verdict is Verdict.OPEN}
 
 
 def describe_gate(findings: Sequence[Finding]) -> str:
-    """Return ``open`` or ``CLOSED``; if some cases were not measured, with their number and packages."""
-    word, absent = "open" if is_open(findings) else "CLOSED", list_absent(findings)
+    """Return the state of the gate in words: ``open`` or ``CLOSED``, and the cases that were not measured.
+
+    For example ``open for 28 of 30; 2 not measured here: casadi``, which names the missing packages.
+    """
+    word, absent = "open" if is_open(findings) else "CLOSED", list_missing_packages(findings)
     if not absent:
         return word
     cases, n = count_cases(findings), len(absent)
@@ -94,8 +100,8 @@ def describe_counts(findings: Sequence[Finding]) -> str:
 
 
 def select_consequences(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the failed bounds of runs whose status failed too: numbers of a run that was cut short."""
-    broken = _list_broken(findings)
+    """Return the failed findings on metrics of runs whose status failed, too: consequences of the same cause."""
+    broken = _list_failed_cases(findings)
     return [f for f in findings if f.verdict is Verdict.FAILED and _is_consequence(f, broken)]
 
 
@@ -110,9 +116,10 @@ def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[Ru
 
 
 def describe_contradiction(record: RunRecord) -> str:
-    """Describe the contradiction in a record: a lawful status without the solver's claim, or an end in the future.
+    """Describe the contradiction in a record; empty if there is none.
 
-    Empty if there is none.
+    It contradicts itself if its status is lawful though the solver did not claim success or something else ended the
+    run, and if it ended in the future.
     """
     claimed, by = record.claimed or "nothing", record.ended_by
     if Status(record.status).lawful and (claimed, by) != (Status.SUCCESS, EndCause.SOLVER):
@@ -122,7 +129,7 @@ def describe_contradiction(record: RunRecord) -> str:
     return f"finished at {record.finished}, which is to come" if late else ""
 
 
-def judge(
+def judge_runs(
     specs: Sequence[RunSpec | RunRecord],
     records: Sequence[RunRecord],
     thresholds: Thresholds,
@@ -131,9 +138,10 @@ def judge(
 ) -> tuple[Finding, ...]:
     """Judge the status and all thresholds of every run; return the findings, the worst first, causes before effects.
 
-    A run without a threshold and a threshold without a run fail. With ``code``, a result of other code counts as
-    missing; of several results of a run the newest is judged. A run that was refused because a package is not installed
-    is skipped if the package is in ``without``, with the package as the finding's cause, and fails otherwise.
+    ``specs`` are the runs of the suite, ``records`` the results. A run without a threshold, a threshold without a run
+    and two runs of one name fail. With ``code``, a result of other code counts as missing; of several results of a run
+    the newest is judged. A run that was refused because a package is not installed is skipped if the package is in
+    ``without``, with the package as the finding's cause, and fails otherwise.
     """
     by_settings = {r.settings_id: r for r in select_judged(records, code)}
     other = {r.settings_id for r in records} - {*by_settings}
@@ -168,19 +176,20 @@ def judge(
     judged = [b for b in thresholds.bounds if b.case not in absent]
     found += [_judge_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in judged]
     found += [_make_finding(Verdict.FAILED, case, STATUS, UNKNOWN) for case in statuses if case not in by_case]
-    broken = _list_broken(found)
+    broken = _list_failed_cases(found)
     cut = {case for case, r in by_case.items() if r and case in broken and Status(r.status) not in REACHED_END}
-    found = [f for f in found if not (f.subject in cut and f.verdict is Verdict.MET)]  # zeros of a run without a step
+    # a run that was cut short meets bounds by its zeros
+    found = [f for f in found if not (f.subject in cut and f.verdict is Verdict.MET)]
 
-    def order(f: Finding) -> tuple[int, bool, bool, str, str]:
+    def make_sort_key(f: Finding) -> tuple[int, bool, bool, str, str]:
         """Return the sort key of a finding: the worst first, causes before consequences."""
         metric = f.quantity
         return WORST.index(f.verdict), _is_consequence(f, broken), metric != STATUS, f.subject, metric
 
-    return tuple(sorted(found, key=order))
+    return tuple(sorted(found, key=make_sort_key))
 
 
-def _list_broken(findings: Iterable[Finding]) -> set[str]:
+def _list_failed_cases(findings: Iterable[Finding]) -> set[str]:
     """Return the cases whose status does not hold, as a set."""
     return {f.subject for f in findings if f.quantity == STATUS and not f.holds}
 
@@ -195,8 +204,8 @@ def tighten_bounds(
 ) -> Thresholds:
     """Return ``old`` with the bounds that ``proposed`` adds or tightens and, with ``loosen``, those that it widens.
 
-    With ``loosen``, bounds of cases without a record are dropped. A threshold with a tolerance, or around several runs,
-    changes only with ``loosen``.
+    ``records`` are the runs that the bounds are proposed from; with ``loosen``, bounds of cases without a record are
+    dropped. A threshold with a tolerance, or around several runs, changes only with ``loosen``.
     """
     cases = {r.case for r in records}
     bounds = {(b.case, b.metric): b for b in old.bounds if b.case in cases or not loosen}
@@ -210,17 +219,18 @@ def tighten_bounds(
         elif was.samples > 1:  # bounds around many runs, which a single run moves only on request
             if loosen:
                 bounds[new.case, new.metric] = replace(new, expect=was.expect)
-        elif (changed := _narrow(was, new, loosen=loosen)) is not None:
+        elif (changed := _move_bounds(was, new, loosen=loosen)) is not None:
             bounds[new.case, new.metric] = changed
     return replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
 
 
-def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
-    """Return the threshold ``was`` moved to the value of ``new``; None if it does not change.
+def _move_bounds(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
+    """Return the threshold ``was`` with its value and bounds moved to those of ``new``; None if it stays as it is.
 
-    The upper end keeps its ratio to the value if that is wider than the ratio of ``new``, and rises only with
-    ``loosen``; an upper end is never added. A lower end is added if ``was`` has none; it falls only with ``loosen``, if
-    the value is below it.
+    The upper bound keeps its ratio to the value if that is wider than in ``new``, and rises only with ``loosen``; none
+    is added where ``was`` has none. A lower bound is added where ``was`` has none; it falls only with ``loosen``, if
+    the new value is below it. A change that lowers the upper bound by less than 5 % is not made, except with ``loosen``
+    or if the lower bound rises.
     """
     fallen = new.value < was.lower
     lower = was.lower if was.lower > -math.inf else new.lower
@@ -240,12 +250,18 @@ def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None
 
 
 def _make_finding(verdict: Verdict, case: str, metric: str, why: str = "", bound: str = "") -> Finding:
-    """Return a finding without a number: ``bound`` is what was required, in words, and ``why`` the reason."""
+    """Return a finding without a number on a metric of a case.
+
+    ``bound`` is what was required, in words, and ``why`` the reason of the verdict.
+    """
     return Finding(metric, required=bound, verdict=verdict, subject=case, why=why)
 
 
 def _judge_status(case: str, record: RunRecord | None, expected: ExpectedStatus | None, missing: str) -> Finding:
-    """Return the finding on the status of a case; ``missing`` is the reason stated if it has no record."""
+    """Return the finding on the status of a case, which must be the expected one or, without an entry, success.
+
+    ``missing`` is the reason stated if the case has no record.
+    """
     wanted = expected.status if expected else Status.SUCCESS
     if record is None:
         return _make_finding(Verdict.FAILED, case, STATUS, missing)
@@ -259,7 +275,10 @@ def _judge_status(case: str, record: RunRecord | None, expected: ExpectedStatus 
 
 
 def _judge_bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
-    """Return the finding on one bound; ``missing`` is the reason stated if its case has no record."""
+    """Return the finding on one threshold; ``missing`` is the reason stated if its case has no record.
+
+    A metric that was not measured fails. A known breach (``expect = "fail"``) is XFAIL while it lasts, then XPASS.
+    """
     value = math.nan if record is None else float(getattr(record, b.metric))
     words, verdict = b.reason, Verdict.from_outcome(b.holds(value))
     if math.isnan(value):

@@ -13,10 +13,10 @@ from .check import (
     count_states,
     describe_counts,
     describe_gate,
-    find_worst,
+    find_worst_verdict,
     has_moved,
     is_open,
-    list_absent,
+    list_missing_packages,
     select_notable,
 )
 
@@ -50,7 +50,7 @@ def format_junit(findings: Sequence[Finding], suite: str) -> str:
         if f.verdict in LEFT_OUT:
             ElementTree.SubElement(case, "skipped", {"message": _escape_xml(f"{LEFT_OUT[f.verdict]}{f.why}")})
         elif not f.holds:
-            kind = {"type": STATES[f.verdict], "message": _escape_xml(_describe(f))}
+            kind = {"type": STATES[f.verdict], "message": _escape_xml(_describe_finding(f))}
             ElementTree.SubElement(case, "failure", kind).text = _escape_xml(f.why)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
@@ -61,7 +61,7 @@ def format_markdown(findings: Sequence[Finding], suite: str) -> str:
     out = [f"## Gate `{suite}`: {describe_gate(findings)}", "", f"{describe_counts(findings)}.", ""]
     if notable := select_notable(findings):
         out += ["| state | case | metric | measured | was | bound | unit | why |", "|---|---|---|---|---|---|---|---|"]
-        for row in map(_flatten, notable):
+        for row in map(_flatten_finding, notable):
             numbers = {k: "" if math.isnan(row[k]) else f"{row[k]:.4g}" for k in ("measured", "value")}
             texts = {**row, **numbers, "why": "moved" if row["state"] == "PASS" else row["why"]}
             shown = ("state", "case", "metric", "measured", "value", "bound", "unit", "why")
@@ -78,12 +78,12 @@ def format_annotations(findings: Sequence[Finding], suite: str) -> list[str]:
             closing.setdefault(f.subject, []).append(f)
     out = []
     for case, (first, *more) in closing.items():
-        words = _describe(first) + (f" (and {len(more)} more of this run)" if more else "")
-        out.append(f"::error title={_escape(f'gate {suite}: {case}', ':,')}::{_escape(words)}")
+        words = _describe_finding(first) + (f" (and {len(more)} more of this run)" if more else "")
+        out.append(f"::error title={_escape_command(f'gate {suite}: {case}', ':,')}::{_escape_command(words)}")
     return out
 
 
-def _escape(text: str, more: str = "") -> str:
+def _escape_command(text: str, more: str = "") -> str:
     """Escape the characters that end a workflow command, and the characters ``more`` that end one of its properties."""
     return re.sub(f"[%\r\n{more}]", lambda found: f"%{ord(found[0]):02X}", text)
 
@@ -93,15 +93,15 @@ def make_json_object(findings: Sequence[Finding], suite: str) -> dict[str, Any]:
     head = {
         "suite": suite,
         "open": is_open(findings),
-        "state": STATES[find_worst(findings)],
+        "state": STATES[find_worst_verdict(findings)],
         "counts": count_states(findings),
         "cases": count_cases(findings),
-        "not_measured": list_absent(findings),
+        "not_measured": list_missing_packages(findings),
     }
-    return {**head, "findings": [_flatten(f) for f in findings]}
+    return {**head, "findings": [_flatten_finding(f) for f in findings]}
 
 
-def _flatten(f: Finding) -> dict[str, Any]:
+def _flatten_finding(f: Finding) -> dict[str, Any]:
     """Return a finding as plain values by name, for ``--json`` and the table of Markdown."""
     return {
         "state": STATES[f.verdict],
@@ -116,7 +116,7 @@ def _flatten(f: Finding) -> dict[str, Any]:
     }
 
 
-def _describe(f: Finding) -> str:
+def _describe_finding(f: Finding) -> str:
     """Return state, metric, value, bound and earlier value of a finding; without a value, the reason."""
     if math.isnan(f.value):
         return f"{STATES[f.verdict]}: {f.why}"

@@ -26,7 +26,7 @@ CORES = {"Haswell": "avx2", "Zen": "avx2", "Sandybridge": "avx", "SkylakeX": "av
 
 
 def choose_kernels(core: str) -> dict[str, str]:
-    """Return the environment variables, of processes with the BLAS kernels of ``core``; empty without one."""
+    """Return environment variables that select the BLAS kernels of the core type ``core``; none if it is empty."""
     # the first is read by processes of the harness, the second by those without pinned kernels
     return {CORE: core, "OPENBLAS_CORETYPE": core} if core else {}
 
@@ -37,18 +37,19 @@ def list_core_types() -> tuple[str, ...]:
 
 
 def repeat_run(spec: RunSpec, times: int, cores: Sequence[str]) -> list[tuple[str, RunSpec, str]]:
-    """Return ``times`` repeats of a run, changed by each kind of rounding in turn: kind, settings, core type.
+    """Return ``times`` repeats of a run, changed by each kind of rounding in turn: kind, settings and core type.
 
-    The core type of OpenBLAS is empty for the kernels that the harness pins. Repeats with the kernels of ``cores`` have
-    a perturbed start from the second round on, to differ from the first.
+    The core type of OpenBLAS is empty for the kernels that the harness pins; ``cores`` are the others that are tried.
+    Repeats with these have a perturbed start from the second round on, as they would equal those of the first.
     """
     return list(islice(_list_repeats(spec, cores), times))
 
 
 def _list_repeats(spec: RunSpec, cores: Sequence[str]) -> Iterator[tuple[str, RunSpec, str]]:
-    """Yield repeats of a run without end.
+    """Yield repeats of a run without end: kind of rounding, settings and core type of each.
 
-    A start that is perturbed already, or opens its joints on purpose, is not moved: that would project it.
+    A start that is perturbed already, or opens its joints on purpose, is not perturbed: that would project it onto
+    the joints. Only runs under error control have repeats with another tolerance.
     """
     given = spec.parameters
     moves = not given.get("perturb") and not registry.make_problem(spec.problem, given).literal_start

@@ -22,7 +22,10 @@ Samples = Mapping[str, Sequence[tuple[str, RunRecord]]]
 
 
 def find_unstable(samples: Samples) -> dict[str, str]:
-    """Return the cases whose samples differ in status, with the kinds of rounding that lead to each, in words."""
+    """Return the cases whose samples differ in status, each with a text that lists the statuses.
+
+    For example ``success (unchanged, 2 x frame); diverged (start)``, with the kinds of rounding that lead to each.
+    """
     out = {}
     for case, found in samples.items():
         kinds: dict[str, Counter[str]] = {}
@@ -41,18 +44,17 @@ def _list_kinds(kinds: Mapping[str, int]) -> str:
 def widen_by_spread(old: Thresholds, samples: Samples) -> Thresholds:
     """Return ``old`` with bounds widened to enclose all samples of a case, where rounding alone would break them.
 
-    A bound is widened if it, or the bound around one sample, excludes another sample. It stays if the value of its
-    threshold lies outside the new bounds, which rounding then does not explain, and if rounding decides the status of
-    its case.
+    A bound is widened if it, or the bound around one sample, excludes another sample. It stays if rounding decides the
+    status of its case, and if its value lies outside the new bounds: then more than rounding has changed.
     """
     unstable = find_unstable(samples)
     lawful = {c: found for c, found in samples.items() if c not in unstable and Status(found[0][1].status).lawful}
     bounds = []
     for was in old.bounds:
         found = [(kind, b) for kind, record in lawful.get(was.case, ()) for b in _propose_bound(was, record)]
-        around = _widen_around(was, found, lawful[was.case][0][1].control) if found else None
+        around = _widen_bound(was, found, lawful[was.case][0][1].control) if found else None
         bounds.append(around if around and around.holds(was.value) else was)
-    return structs.replace(old, bounds=tuple(bounds), spread=_summarise(lawful) or old.spread)
+    return structs.replace(old, bounds=tuple(bounds), spread=_summarise_spread(lawful) or old.spread)
 
 
 def _propose_bound(was: Threshold, record: RunRecord) -> list[Threshold]:
@@ -61,10 +63,12 @@ def _propose_bound(was: Threshold, record: RunRecord) -> list[Threshold]:
     return [b for b in found if b.metric == was.metric]
 
 
-def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], control: str) -> Threshold | None:
-    """Return ``was`` widened to all bounds in ``found``; None if ``was`` and each of these hold for all samples.
+def _widen_bound(was: Threshold, found: Sequence[tuple[str, Threshold]], control: str) -> Threshold | None:
+    """Return ``was`` widened to all bounds in ``found``; None if it is wide enough, or has a tolerance.
 
-    ``found`` are the bounds around each sample, with its kind of rounding; ``control`` is ``dt`` or ``rtol``.
+    ``found`` has the kind of rounding of each sample and the bound around it. ``was`` is wide enough if it holds for
+    all samples and, unless it encloses several already, so does each of these bounds. ``control`` is ``dt`` or
+    ``rtol``, for the reason stated.
     """
     values = [b.value for _, b in found]
     bounds = (was,) if was.samples > 1 else (was, *(b for _, b in found))
@@ -86,10 +90,11 @@ def _widen_around(was: Threshold, found: Sequence[tuple[str, Threshold]], contro
     )
 
 
-def _summarise(lawful: Samples) -> Spread | None:
+def _summarise_spread(lawful: Samples) -> Spread | None:
     """Return the number and kinds of repeats, and the largest ratio by which rounding changed a number at a fixed step.
 
-    The ratio is of the largest to the least value, of numbers with bounds by ``FIXED_STEP``. None without repeats.
+    The ratio is that of the largest to the least value of a metric over the samples of a case, of numbers with bounds
+    by ``FIXED_STEP``. None if ``lawful`` has no repeats.
     """
     kinds = sorted({kind for found in lawful.values() for kind, _ in found if kind})
     if not kinds:

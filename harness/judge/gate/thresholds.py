@@ -166,7 +166,10 @@ def require_same_problem(case: str, value: float) -> Threshold:
 
 
 def _bound_record(r: RunRecord) -> list[Threshold]:
-    """Return bounds on all metrics that a record has, on its number of steps, and on the problem's fingerprint."""
+    """Return bounds on all metrics that a record has, on the problem's fingerprint and, for fixed steps, their number.
+
+    A value of the size of rounding gets only an upper bound, ten times that size.
+    """
     out = []
     for metric in BOUNDED:
         unit = find_unit(metric, DECLARED[metric])

@@ -16,7 +16,7 @@ TIES = (*HOLDS, "torsion")  # all parts that connect two bodies; drives are join
 
 
 def split_mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " _"]]:
-    """Return the numbers of the bodies of each mechanism; the ground alone does not connect bodies."""
+    """Return the indices of the bodies of each mechanism; bodies that only share the ground are not connected."""
     i, j = (np.concatenate([getattr(system, f"{kind}_{e}") for kind in TIES]) for e in "ij")
     both = (i != GROUND) & (j != GROUND)
     links = sp.coo_array((np.ones(np.sum(both)), (i[both], j[both])), shape=(system.nb, system.nb))
@@ -29,8 +29,11 @@ def is_free(system: MultibodySystem) -> bool:
     return all(GROUND not in ends for ends in (getattr(system, f"{kind}_j") for kind in HOLDS))
 
 
-def extract_part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySystem:
-    """Return the system of these bodies alone, with all joints and forces that act on them, and without names."""
+def extract_subsystem(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySystem:
+    """Return the system of these bodies (indices) alone, with all joints and forces that act on them, without names.
+
+    The given system itself is returned if it has no other bodies.
+    """
     if len(bodies) == system.nb:
         return system
     new = np.full(system.nb + 1, GROUND)  # the last entry, at -1, is the ground
@@ -48,7 +51,10 @@ def extract_part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> Mult
 
 
 def extract_states(s: States, bodies: Int[np.ndarray, " n"]) -> States:
-    """Return the motion of these bodies alone; unless they are all bodies, without the angles of torsional springs."""
+    """Return the motion of these bodies (indices) alone, without the angles of torsional springs.
+
+    ``s`` itself is returned, with its angles, if it has no other bodies.
+    """
     if len(bodies) == s.nb:
         return s
     # contiguous, as compiled laws take them: else they would compile once more

@@ -32,7 +32,10 @@ TOLD = 3  # most times that a note names
 
 
 def list_passages(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> list[str]:
-    """Return a note in words on the singular poses that a motion passes, as a list of one; empty if it passes none."""
+    """Return a note on the singular poses that a motion passes, in words, as a list of one; empty if it passes none.
+
+    The note has the times of the first ``TOLD`` of them.
+    """
     times = find_passage_times(system, t, s)
     if not times:
         return []
@@ -45,8 +48,8 @@ def list_passages(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: State
 def find_passage_times(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> list[float]:
     """Return the times [s] of singular poses that a motion passes: where A loses rank that it has elsewhere.
 
-    The criterion is the least singular value of A, at rows of a motion and between them; ODE-GC reports dips of the
-    determinant of its own factorisations instead. Empty if no joint closes a loop, since the rows of a tree keep their
+    The criterion is the least singular value of A that is nonzero elsewhere, at recorded rows of the motion; around
+    each deep minimum it is refined between rows. Empty if no joint closes a loop, since the rows of a tree keep their
     rank, if the motion is not finite, and for systems so large that too few rows can be examined.
     """
     n = min(SAMPLES, len(t), int(PRODUCTS / max(1.0, 6.0 * system.nb * system.nrows**2)))
@@ -79,8 +82,8 @@ def compute_singular_values(system: MultibodySystem, s: States) -> Float[np.ndar
     """Return the singular values of A at each time, the largest first, with scaled rows and columns.
 
     As in ``jacobian.scale_jacobian``, rows have unit length and rotations count in m/s, by the radius of gyration.
-    Values are the roots of the eigenvalues of A A^T or A^T A, whichever is smaller, and accurate to 1e-8 of the
-    largest.
+    Values are the roots of the eigenvalues of A A^T or A^T A, whichever matrix is smaller, and thus accurate to 1e-8 of
+    the largest only.
     """
     A = np.zeros((len(s), system.nrows, system.nb, 6))
     for body, rows, translation, rotation in list_jacobian_parts(system, s):

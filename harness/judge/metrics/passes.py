@@ -31,7 +31,10 @@ INNER = {**JIT, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # called 
 
 
 def _seal_when_compiled(function: Callable[P, T]) -> Callable[P, T]:
-    """Wrap a compiled function so that a call that compiled, as for read-only arrays, seals the cache files."""
+    """Wrap a function that calls compiled code, so that the cache files are sealed after each call that compiled.
+
+    A call compiles if no call before had arrays of these types, for instance read-only ones.
+    """
 
     @functools.wraps(function)
     def call(*given: P.args, **named: P.kwargs) -> T:
@@ -46,16 +49,17 @@ def _seal_when_compiled(function: Callable[P, T]) -> Callable[P, T]:
 
 
 def _count_compiled() -> int:
-    """Return how often functions of this file were compiled in this process instead of loaded from the cache."""
+    """Return how many compilations this file's functions have had in this process; loads from the cache not counted."""
     passes = (_laws, _displacement, _speeds, _advance_rows, _are_rotations)
     return sum(one.stats.cache_misses.total() for one in passes)
 
 
 @_seal_when_compiled
 def evaluate_laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, " nrows"]) -> tuple[np.ndarray, ...]:
-    """Return the seven arrays (nt,) of ``measure._laws``; only for systems that ``covers_rows`` accepts.
+    """Return the seven arrays (nt,) of ``measure._compute_laws``; only for systems that ``covers_rows`` accepts.
 
-    ``metres`` are the factors that turn constraint rows into metres.
+    They are T + V [J], five norms of the constraint rows and the largest |R^T R - 1|. ``metres`` are the factors that
+    turn constraint rows into metres.
     """
     joint, row = system.point_rows()
     line, axis = system.line_rows(), system.axis_rows()
@@ -82,7 +86,7 @@ def evaluate_laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, 
 
 
 def covers_rows(system: MultibodySystem) -> bool:
-    """Return whether ``evaluate_laws`` covers all rows of a system: moving and velocity-level rows stay with NumPy."""
+    """Return whether ``evaluate_laws`` covers all rows of a system: none of a driven joint, or at velocity level."""
     return not np.any(system.joint_moving)
 
 
@@ -90,7 +94,7 @@ def covers_rows(system: MultibodySystem) -> bool:
 def load() -> None:
     """Compile all functions of this file, or load them from the cache, once per process; forks inherit them.
 
-    Cache files that are not as they were sealed are removed first: numba would crash on them.
+    Cache files that have changed since they were sealed are removed first: numba would crash on them.
     """
     remove_unsealed(KEPT, FILES)
     _run_all()
@@ -128,7 +132,7 @@ def _minus(a, b):
 
 @numba.njit(**INNER)
 def _point(x, R, b, p):
-    """Return x + R p for a point p of body ``b``, or p where b is the ground (-1).
+    """Return x + R[b] p in space for a point p in the frame of body ``b``; p itself if b is the ground (-1).
 
     ``x`` is the position of C, or zero if p is a direction.
     """
@@ -142,10 +146,10 @@ def _point(x, R, b, p):
 
 
 @numba.njit(**INNER)
-def _rate(x, R, W, b, p):
-    """Return the velocity x + R (Omega x p) of a point p of body ``b``, with Omega = W[b]; zero for the ground.
+def _point_velocity(x, R, W, b, p):
+    """Return the velocity x + R[b] (Omega x p) of a point p of body ``b``, with Omega = W[b]; zero for the ground.
 
-    ``x`` is the velocity of C, or zero if p is a direction.
+    The result is in space, p and Omega are in the body frame; ``x`` is the velocity of C, or zero if p is a direction.
     """
     if b < 0:
         return 0.0, 0.0, 0.0
@@ -153,7 +157,7 @@ def _rate(x, R, W, b, p):
 
 
 @numba.njit(**INNER)
-def _back(R, b, m):
+def _to_body_frame(R, b, m):
     """Return R^T m: the space vector ``m`` in the frame of body ``b``."""
     return (
         R[b, 0, 0] * m[0] + R[b, 1, 0] * m[1] + R[b, 2, 0] * m[2],
@@ -163,7 +167,7 @@ def _back(R, b, m):
 
 
 @numba.njit(**INNER)
-def _spin(J, b, a):
+def _quadratic_form(J, b, a):
     """Return a . J a with the inertia J of body ``b``."""
     return a[0] * _dot(J[b, 0], a) + a[1] * _dot(J[b, 1], a) + a[2] * _dot(J[b, 2], a)
 
@@ -172,8 +176,9 @@ def _spin(J, b, a):
 def _add_row(sums, gap, open_, rate, unit, aa, aMa):
     """Add a constraint row, in place, to five sums of squares: phi, phi_dot, both again in metres, and Eq. (81).
 
-    ``gap`` is phi, ``open_`` phi in the joint's own assembly (``motion.measure_gaps``), ``rate`` phi_dot, ``unit`` the
-    factor to metres; ``aa`` is a . a of the row a of A, and ``aMa`` is a . M a.
+    ``gap`` is phi, ``rate`` phi_dot, ``unit`` the factor that turns the row into metres; ``open_`` is phi as
+    ``motion.measure_gaps`` has it, which does not vanish for a joint assembled half a turn off. ``aa`` is a . a of the
+    row a of A, and ``aMa`` is a . M a.
     """
     sums[0] += gap * gap
     sums[1] += rate * rate
@@ -184,9 +189,11 @@ def _add_row(sums, gap, open_, rate, unit, aa, aMa):
 
 @numba.njit(**JIT)
 def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, out):
-    """Fill ``out`` (7, nt) with T + V, five norms of the constraint rows and the worst |R^T R - 1| at each time.
+    """Fill ``out`` (7, nt) with T + V [J], five norms of the constraint rows and the largest |R^T R - 1| at each time.
 
-    V is that of gravity and point-to-point springs; torsional springs are added by ``evaluate_laws``.
+    V is that of gravity ``g`` and point-to-point springs; torsional springs are added by ``evaluate_laws``. The tuples
+    ``springs`` to ``axes`` hold arrays of the system, named where they are unpacked: springs; joints; rows that hold a
+    point; rows along a line or of a length; rows that hold an axis. ``metres`` are the factors from rows to metres.
     """
     spring_i, spring_j, spring_p_i, spring_p_j, stiffness, rest = springs
     joint_i, joint_j, arm_i, arm_j = joints
@@ -199,7 +206,7 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
         rt, Rt, vt, Wt = r[t], R[t], v[t], W[t]
         E = worst = 0.0
         for b in range(nb):
-            E += 0.5 * (mass[b] * _dot(vt[b], vt[b]) + _spin(J, b, Wt[b]))
+            E += 0.5 * (mass[b] * _dot(vt[b], vt[b]) + _quadratic_form(J, b, Wt[b]))
             E -= mass[b] * _dot(g, rt[b])
             off = 0.0
             for k in range(3):
@@ -221,8 +228,8 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
             i, j = joint_i[n], joint_j[n]
             p = _point(rt[i] if i >= 0 else rt[0], Rt, i, arm_i[n])
             q = _point(rt[j] if j >= 0 else rt[0], Rt, j, arm_j[n])
-            p_dot = _rate(vt[i] if i >= 0 else vt[0], Rt, Wt, i, arm_i[n])
-            q_dot = _rate(vt[j] if j >= 0 else vt[0], Rt, Wt, j, arm_j[n])
+            p_dot = _point_velocity(vt[i] if i >= 0 else vt[0], Rt, Wt, i, arm_i[n])
+            q_dot = _point_velocity(vt[j] if j >= 0 else vt[0], Rt, Wt, j, arm_j[n])
             for c in range(3):
                 aa = aMa = 0.0
                 for end in range(2):
@@ -231,43 +238,45 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
                     if b >= 0:  # s x R^T e_c
                         x = _cross(s, Rt[b, c])
                         aa += 1.0 + _dot(x, x)
-                        aMa += mass[b] + _spin(J, b, x)
+                        aMa += mass[b] + _quadratic_form(J, b, x)
                 _add_row(sums, p[c] - q[c], p[c] - q[c], p_dot[c] - q_dot[c], metres[point_row[k] + c], aa, aMa)
         for k in range(len(line_joint)):
             n = line_joint[k]
             i, j = joint_i[n], joint_j[n]
             p = _point(rt[i] if i >= 0 else rt[0], Rt, i, arm_i[n])
             q = _point(rt[j] if j >= 0 else rt[0], Rt, j, arm_j[n])
-            p_dot = _rate(vt[i] if i >= 0 else vt[0], Rt, Wt, i, arm_i[n])
-            q_dot = _rate(vt[j] if j >= 0 else vt[0], Rt, Wt, j, arm_j[n])
+            p_dot = _point_velocity(vt[i] if i >= 0 else vt[0], Rt, Wt, i, arm_i[n])
+            q_dot = _point_velocity(vt[j] if j >= 0 else vt[0], Rt, Wt, j, arm_j[n])
             d, e = _minus(p, q), _minus(p_dot, q_dot)
             if length[k] > 0.0:
                 w = (d[0] / length[k], d[1] / length[k], d[2] / length[k])
                 gap, gap_dot = 0.5 * (_dot(d, w) - length[k]), _dot(e, w)
             else:
                 w = _point(zero, Rt, j, line_n[k])
-                gap, gap_dot = _dot(d, w), _dot(e, w) + _dot(d, _rate(zero, Rt, Wt, j, line_n[k]))
+                gap, gap_dot = _dot(d, w), _dot(e, w) + _dot(d, _point_velocity(zero, Rt, Wt, j, line_n[k]))
             aa = aMa = 0.0
             for end in range(2):
                 b = i if end == 0 else j
                 if b >= 0:
-                    x, ww = _back(Rt, b, _cross(_minus(p, rt[b]), w)), _dot(w, w)
+                    x, ww = _to_body_frame(Rt, b, _cross(_minus(p, rt[b]), w)), _dot(w, w)
                     aa += ww + _dot(x, x)
-                    aMa += mass[b] * ww + _spin(J, b, x)
+                    aMa += mass[b] * ww + _quadratic_form(J, b, x)
             _add_row(sums, gap, gap, gap_dot, metres[line_row[k]], aa, aMa)
         for k in range(len(axis_joint)):
             n = axis_joint[k]
             i, j = joint_i[n], joint_j[n]
             u, w = _point(zero, Rt, i, axis_u[k]), _point(zero, Rt, j, axis_n[k])
             gap, m = _dot(u, w), _cross(u, w)
-            gap_dot = _dot(_rate(zero, Rt, Wt, i, axis_u[k]), w) + _dot(u, _rate(zero, Rt, Wt, j, axis_n[k]))
+            gap_dot = _dot(_point_velocity(zero, Rt, Wt, i, axis_u[k]), w) + _dot(
+                u, _point_velocity(zero, Rt, Wt, j, axis_n[k])
+            )
             aa = aMa = 0.0
             for end in range(2):
                 b = i if end == 0 else j
                 if b >= 0:
-                    x = _back(Rt, b, m)
+                    x = _to_body_frame(Rt, b, m)
                     aa += _dot(x, x)
-                    aMa += _spin(J, b, x)
+                    aMa += _quadratic_form(J, b, x)
             open_ = gap
             if k > 1 and axis_joint[k - 2] == n:  # the row vanishes half a turn away as well (``motion.measure_gaps``)
                 wn = _dot(_point(zero, Rt, i, joint_w[n]), _point(zero, Rt, j, axis_n[k - 2]))
@@ -280,9 +289,9 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
 
 @_seal_when_compiled
 def measure_displacement(mass: np.ndarray, moments: np.ndarray, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
-    """Return ``scales.measure_displacement`` [m] of each body; ``b`` may be one instant.
+    """Return the distance [m] between two poses of each body, as ``scales.measure_displacement``.
 
-    ``moments`` are the second moments of the bodies' matter [kg m2], body frame.
+    ``moments`` are the second moments of the bodies' mass about C [kg m2], body frame; ``b`` may be one instant.
     """
     out = np.empty(a.r.shape[:2])
     _displacement(mass, moments, a.r, a.R, b.r, b.R, out)
@@ -291,7 +300,10 @@ def measure_displacement(mass: np.ndarray, moments: np.ndarray, a: States, b: St
 
 @numba.njit(**JIT)
 def _displacement(mass, S, r_a, R_a, r_b, R_b, out):
-    """Fill ``out`` (nt, nb) with the root mean square distance [m] of a body's matter between two poses."""
+    """Fill ``out`` (nt, nb) with the root mean square distance [m] of each body's matter between the poses a and b.
+
+    ``S`` are the second moments of the bodies' mass [kg m2]. Pose b may be one instant for all times of a.
+    """
     nt, nb = out.shape
     one = len(r_b) == 1
     for t in range(nt):
@@ -299,7 +311,7 @@ def _displacement(mass, S, r_a, R_a, r_b, R_b, out):
         for b in range(nb):
             turn = 0.0
             for k in range(3):
-                turn += _spin(S, b, _minus(R_a[t, b, k], R_b[u, b, k]))
+                turn += _quadratic_form(S, b, _minus(R_a[t, b, k], R_b[u, b, k]))
             turn /= mass[b]
             if turn < 0.0:
                 turn = 0.0
@@ -309,7 +321,7 @@ def _displacement(mass, S, r_a, R_a, r_b, R_b, out):
 
 @_seal_when_compiled
 def measure_speeds(mass: np.ndarray, inertia: np.ndarray, s: States) -> Float[np.ndarray, "nt nb"]:
-    """Return ``scales.measure_speeds``: the root mean square speed of each body's matter [m/s]."""
+    """Return the root mean square speed of each body's matter [m/s], as ``scales.measure_speeds``."""
     out = np.empty(s.r.shape[:2])
     _speeds(mass, inertia, s.v, s.Omega, out)
     return out
@@ -321,12 +333,12 @@ def _speeds(mass, J, v, W, out):
     nt, nb = out.shape
     for t in range(nt):
         for b in range(nb):
-            out[t, b] = math.sqrt(_dot(v[t, b], v[t, b]) + _spin(J, b, W[t, b]) / mass[b])
+            out[t, b] = math.sqrt(_dot(v[t, b], v[t, b]) + _quadratic_form(J, b, W[t, b]) / mass[b])
 
 
 @_seal_when_compiled
 def advance_steps(h: Float[np.ndarray, " steps"], a: States, b: States) -> States:
-    """Advance the poses ``a`` over steps ``h`` [s] by the mean velocities of ``a`` and ``b``, as ``rows._advance``.
+    """Advance the poses of ``a`` over steps ``h`` [s], by the mean velocities of ``a`` and ``b``, as ``rows._advance``.
 
     The states returned have the advanced poses and these mean velocities.
     """

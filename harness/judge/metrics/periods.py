@@ -21,23 +21,24 @@ def find_periods(
 ) -> Float[np.ndarray, " n"]:
     """Return the times [s] at which the most regular observable rises through its middle: where its periods begin.
 
-    ``observables`` are series by name. Empty if none is periodic with more than ``PERIODS`` periods.
+    ``observables`` are series by name. Empty if none is periodic with at least ``PERIODS`` periods.
     """
     moving = [a for _, a in sorted(observables.items()) if np.all(np.isfinite(a)) and np.ptp(a) > 0.0]
-    found = [(_variation(np.diff(marks)), marks) for a in moving if len(marks := _find_rises(t, a)) > PERIODS]
+    found = [(_measure_variation(np.diff(marks)), marks) for a in moving if len(marks := _find_rises(t, a)) > PERIODS]
     uneven, best = min(found, key=lambda item: item[0], default=(math.inf, np.zeros(0)))
     return best if uneven <= UNEVEN else np.zeros(0)
 
 
-def _variation(periods: np.ndarray) -> float:
+def _measure_variation(periods: np.ndarray) -> float:
     """Return the standard deviation of periods over their mean; importing scipy.stats would take half a second."""
     return float(np.std(periods) / np.mean(periods))
 
 
 def _find_rises(t: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Return the times [s] at which a series rises through the middle of its range, crossing a band about it.
+    """Return the times [s] at which a series ``a`` rises through the middle of its range.
 
-    The band, ``BAND`` of the range wide, keeps small oscillations about the middle from counting as periods.
+    A rise counts if it crosses a band about the middle, ``BAND`` of the range wide, so that small oscillations about
+    the middle do not count as periods. The range is that from the 2nd to the 98th percentile.
     """
     low, high = np.quantile(a, (0.02, 0.98))
     middle, half = 0.5 * (low + high), 0.5 * BAND * (high - low)

@@ -22,7 +22,7 @@ FINEST, SURE = 1e-9, 1e-3
 def find_largest_joint_force(
     system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"]
 ) -> Float[np.ndarray, " nt"]:
-    """Return the largest force [N] in any joint at each time: the norm of its rows' reactions except torques.
+    """Return the largest force [N] in any joint at each time: the norm of the reactions of its rows that are forces.
 
     NaN where reactions are NaN.
     """
@@ -46,14 +46,17 @@ def compute_forces_on_bodies(
 def compute_moments_on_bodies(
     system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
 ) -> Float[np.ndarray, "nt nb 3"]:
-    """Sum the moments of all joints on each body about its C [N m], body frame, those of axis rows included."""
+    """Sum the moments of all joints on each body about its C [N m], body frame, from the reactions of all rows.
+
+    They are those of axis rows and those of the forces of other rows, by their arms.
+    """
     return compute_loads_on_bodies(system, reaction, s)[:, :, 3:]
 
 
 def compute_loads_on_bodies(
     system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
 ) -> Float[np.ndarray, "nt nb 6"]:
-    """Return A^T reaction by body: the joints' force [N, space] and moment about C [N m, body]."""
+    """Return A^T reaction by body: force of all joints [N], space frame, and moment about C [N m], body frame."""
     out = np.zeros((len(reaction), system.nb, 6))
     for body, rows, *parts in list_jacobian_parts(system, s):
         load = reaction[:, rows, None] * np.concatenate(parts, axis=-1)
@@ -64,7 +67,10 @@ def compute_loads_on_bodies(
 
 
 def _count_repeats(body: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """Return how often the body of each entry occurs before it: entries of one count are of different bodies."""
+    """Return how often each index in ``body`` occurs before its place in the list.
+
+    Places with the same count have different bodies, so that their loads can be added in one assignment.
+    """
     seen, out = Counter[int](), np.zeros(len(body), dtype=np.int64)
     for k, b in enumerate(body.tolist()):
         out[k] = seen[b]
@@ -75,9 +81,9 @@ def _count_repeats(body: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
 def compute_exact_loads(system: MultibodySystem, exact: States) -> Float[np.ndarray, "nt nb 6"]:
     """Return the sum of joint loads on each body in the exact motion: force [N, space], moment about C [N m, body].
 
-    The loads are those of index 1 at the exact states, projected onto the constraints. They are NaN where that is
-    ill-conditioned: where a change of the pose by ``FINEST`` of the longest joint arm changes them by more than a
-    thousandth of the largest. Systems with sparse rows are not checked, which would take longer than all else.
+    The loads are those of index 1 at the exact states, projected onto the constraints. They are NaN at times where
+    this is ill-conditioned: where a change of the pose by ``FINEST`` of the longest joint arm changes them by more than
+    a thousandth of the largest. Large systems with sparse rows are not checked: that would take too long.
     """
     near = project_poses(system, exact)
     if not is_dense(system):
@@ -93,7 +99,10 @@ def compute_exact_loads(system: MultibodySystem, exact: States) -> Float[np.ndar
 
 
 def choose_instants(t: Float[np.ndarray, " nt"], horizon: float) -> Int[np.ndarray, " n"]:
-    """Pick at most ``SAMPLES`` steps for reactions, evenly after the start and up to ``horizon`` [s]."""
+    """Return the steps, as indices of ``t``, at which reactions are compared.
+
+    At most ``SAMPLES`` are picked, evenly, after t = 0 and up to ``horizon`` [s].
+    """
     inside = np.flatnonzero((t > 0.0) & (t <= horizon))
     pick = np.linspace(0, len(inside) - 1, min(SAMPLES, len(inside))).round().astype(np.int64)
     return inside[pick]

@@ -20,7 +20,7 @@ from ...mechanics.state import State, States
 from ...mechanics.system import GROUND, MultibodySystem
 from ...mechanics.types import Law, Problem, Reference
 from ...reference.held import recall_value
-from .mechanisms import extract_part, extract_state, extract_states, is_free, subtract_common_motion
+from .mechanisms import extract_state, extract_states, extract_subsystem, is_free, subtract_common_motion
 
 STATES = 2**18  # most poses measured at a time, to bound the memory
 MANY = 5000  # fewest poses for compiled loops: NumPy measures fewer in less than the half second of importing numba
@@ -41,15 +41,18 @@ class RunSizes:
 
 
 def split_into_blocks(nt: int, nb: int) -> Iterator[slice]:
-    """Return slices of ``nt`` times of ``nb`` bodies with at most ``STATES`` poses each, to bound the memory."""
+    """Yield slices of ``nt`` times of ``nb`` bodies with at most ``STATES`` poses each, to bound the memory.
+
+    A slice has at least one time.
+    """
     size = max(1, STATES // max(nb, 1))
     return (slice(k, min(k + size, nt)) for k in range(0, nt, size))
 
 
 def load_compiled(poses: int) -> ModuleType | None:
-    """Return the module of compiled functions for a motion of so many poses.
+    """Return the module of compiled functions, loaded, for a motion with this number of ``poses``: times x bodies.
 
-    None if NumPy is faster than loading it.
+    None if NumPy measures them in less time than loading the module takes.
     """
     if poses < MANY:
         return None
@@ -62,9 +65,9 @@ def load_compiled(poses: int) -> ModuleType | None:
 def measure_displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
     """Return the distance [m] between two poses of each body: root mean square over its matter of |x_a - x_b|.
 
-    It is the root of ``|r_a - r_b|^2 + tr(D S D^T) / m`` with ``D = R_a - R_b`` and ``S = tr(J)/2 1 - J``. One number
-    in metres for position and orientation: a turn counts by as much as it moves the body's matter, a roll of a thin bar
-    about its axis by almost nothing. ``b`` may be one instant.
+    It is the root of ``|r_a - r_b|^2 + tr(D S D^T) / m`` with ``D = R_a - R_b`` and ``S = tr(J)/2 1 - J``. This is one
+    number in metres for position and orientation: a rotation counts by how far it moves the body's matter, so that a
+    roll of a thin bar about its axis counts almost nothing. ``b`` may be one instant.
     """
     if (fast := load_compiled(len(a) * system.nb)) is not None and len(b) in (1, len(a)):
         return fast.measure_displacement(system.mass, _second_moments(system), a, b)
@@ -81,22 +84,22 @@ def measure_speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 
     return np.sqrt(np.sum(s.v**2, axis=2) + turning)
 
 
-def measure_reach(system: MultibodySystem, start: State, s: States) -> Rows:
-    """Return the sizes that a motion from ``start`` has at each time: the six numbers of ``Rows``.
+def measure_sizes(system: MultibodySystem, start: State, s: States) -> Rows:
+    """Return the sizes of a motion from ``start`` at each time: the six numbers of ``Rows``.
 
-    Where nothing is joined to the ground, all are relative to the common centre of mass. Speeds and energies of a
-    motion that all bodies share still count by the factor ``REST``, below which differences are not resolved.
+    Where nothing is joined to the ground, they are relative to the common centre of mass; speed, momentum and energies
+    are then at least ``REST`` times those relative to space, since rounding of the latter hides smaller ones.
     """
     one = States.one(start)
-    rows = _measure_reach(system, one, s)
+    rows = _measure_sizes(system, one, s)
     if not is_free(system):
         return rows
-    own = _measure_reach(system, subtract_common_motion(system, one), subtract_common_motion(system, s))
+    own = _measure_sizes(system, subtract_common_motion(system, one), subtract_common_motion(system, s))
     own[:, 1:] = np.maximum(own[:, 1:], REST * rows[:, 1:])
     return own
 
 
-def _measure_reach(system: MultibodySystem, start: States, s: States) -> Rows:
+def _measure_sizes(system: MultibodySystem, start: States, s: States) -> Rows:
     """Return the six numbers of ``Rows`` at each time, relative to space."""
     speed = measure_speeds(system, s)
     risen = potential_energy(system, s) - potential_energy(system, start)
@@ -109,38 +112,39 @@ def _measure_reach(system: MultibodySystem, start: States, s: States) -> Rows:
 def find_scales(
     problem: Problem, exact: Reference | None, run: RunSizes | None = None, bodies: Int[np.ndarray, " n"] | None = None
 ) -> Scales:
-    """Return the scales that the exact motion reaches, and a run beyond its horizon; of ``bodies`` alone if given.
+    """Return the scales of a problem: the largest sizes of the exact motion and, beyond its horizon, of a run.
 
-    The run counts up to where it breaks a law by these scales. A motion that hardly moves gets
-    ``estimate_rest_scales``.
+    They are those of ``bodies`` (indices) alone if given. The run counts up to its first step that breaks a law by
+    these scales, which are therefore computed again until no step does. With neither motion, or one that hardly moves,
+    they are those of ``estimate_rest_scales``.
     """
     bodies = np.arange(problem.system.nb) if bodies is None else bodies
-    system, start = extract_part(problem.system, bodies), extract_state(problem.initial, bodies)
-    could = estimate_rest_scales(system, start)
-    known, t = measure_reach(system, start, States.one(start)), np.zeros(1)
+    system, start = extract_subsystem(problem.system, bodies), extract_state(problem.initial, bodies)
+    at_rest = estimate_rest_scales(system, start)
+    exact_rows, t = measure_sizes(system, start, States.one(start)), np.zeros(1)
     if exact is not None:
         t = np.append(0.0, np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES))
         key = "exact reach", bodies.tobytes()
-        sampled = recall_value(problem, key, lambda: _sample_reach(problem, exact, t[1:], (system, start), bodies))
-        known = np.concatenate((known, sampled))
-    run = run or RunSizes(known[:0], {}, 0)
+        sampled = recall_value(problem, key, lambda: _sample_sizes(problem, exact, t[1:], (system, start), bodies))
+        exact_rows = np.concatenate((exact_rows, sampled))
+    run = run or RunSizes(exact_rows[:0], {}, 0)
     finite = np.isfinite(run.rows).all(axis=1)
     end = len(finite) if np.all(finite) else int(np.argmin(finite))
-    if not np.max(np.concatenate((known[:, 0], run.rows[run.covered : end, 0]))) > REST * could.length:
-        return could
-    while True:
-        every = np.concatenate((known, run.rows[run.covered : end]))
-        at = np.argmax(every, axis=0)
-        most = np.take_along_axis(every, at[None], axis=0)[0]
-        reach, speed, momentum, energy = most[0], most[1], most[2], max(most[KINETIC], most[4] + most[5])
-        length = reach if exact is None else np.max(known[:, 0])  # the same for the errors of all runs
-        least = REST**2 * np.array([could.length, could.speed, could.momentum, could.energy, could.length])
+    if not np.max(np.concatenate((exact_rows[:, 0], run.rows[run.covered : end, 0]))) > REST * at_rest.length:
+        return at_rest
+    while True:  # the rows that count, up to ``end``, become fewer each time
+        rows = np.concatenate((exact_rows, run.rows[run.covered : end]))
+        peaks = np.argmax(rows, axis=0)
+        reach, speed, momentum, kinetic, risen, fallen = np.take_along_axis(rows, peaks[None], axis=0)[0]
+        energy = max(kinetic, risen + fallen)  # what is exchanged: the most of T, or the range of V
+        length = reach if exact is None else np.max(exact_rows[:, 0])  # the same for the errors of all runs
+        least = REST**2 * np.array([at_rest.length, at_rest.speed, at_rest.momentum, at_rest.energy, at_rest.length])
         found = np.maximum((length, speed, momentum, energy, reach), least)  # never zero, as it divides
-        at = np.unique(np.append(at, np.argmax(known[:, 0])))
+        peaks = np.unique(np.append(peaks, np.argmax(exact_rows[:, 0])))
         size = replace(
             Scales(*(float(v) for v in (*found, min(found[-1], bound_reach(system))))),
-            exact_at=tuple(t[at[at < len(t)]].tolist()),
-            run_at=tuple((at[at >= len(t)] - len(t) + run.covered).tolist()),
+            exact_at=tuple(t[peaks[peaks < len(t)]].tolist()),
+            run_at=tuple((peaks[peaks >= len(t)] - len(t) + run.covered).tolist()),
         )
         broken = np.zeros(end, dtype=bool)
         for law, series in run.laws.items():
@@ -150,22 +154,26 @@ def find_scales(
         end = int(np.argmax(broken))
 
 
-def _sample_reach(
+def _sample_sizes(
     problem: Problem,
     exact: Reference,
     t: Float[np.ndarray, " nt"],
     part: tuple[MultibodySystem, State],
     bodies: Int[np.ndarray, " n"],
 ) -> Rows:
-    """Return the sizes that the exact motion of ``bodies``, of the ``part`` with its start, has at the times ``t``."""
+    """Return the sizes of the exact motion of ``bodies`` (indices) at the times ``t`` [s].
+
+    ``part`` is the system of these bodies alone, with its state at the start.
+    """
     some = (exact.states(t[k]) for k in split_into_blocks(len(t), problem.system.nb))
-    return np.concatenate([measure_reach(*part, extract_states(s, bodies)) for s in some])
+    return np.concatenate([measure_sizes(*part, extract_states(s, bodies)) for s in some])
 
 
 def estimate_rest_scales(system: MultibodySystem, start: State) -> Scales:
-    """Return scales for a system at rest, from its arms, spread, masses and forces.
+    """Return scales for a system at rest, from the dimensions of its bodies and their masses and forces.
 
-    The energy is T(0) + m g L plus that of the springs.
+    The length L is the largest of the radii of gyration, the distances of bodies and the arms of joints. The energy is
+    T(0) + m g L plus that of the springs at the start, and the speed is the one of this energy.
     """
     gyration = float(np.max(system.gyration))
     spread = float(np.linalg.norm(np.ptp(start.r, axis=0)))
@@ -177,16 +185,16 @@ def estimate_rest_scales(system: MultibodySystem, start: State) -> Scales:
     one = States.one(start)
     gravity = float(np.linalg.norm(system.gravity))
     springs = float(potential_energy(system, one)[0] + np.einsum("b,i,bi->", system.mass, system.gravity, start.r))
-    energy = float(measure_reach(system, start, one)[0, KINETIC]) + mass * gravity * length + springs
+    energy = float(measure_sizes(system, start, one)[0, KINETIC]) + mass * gravity * length + springs
     energy = max(energy, mass * (1e-6 * length) ** 2)  # [J] without forces: a micrometre a second, relative to the size
     speed = math.sqrt(2.0 * energy / mass)
     return Scales(length, speed, mass * speed, energy, length, length)
 
 
 def bound_reach(system: MultibodySystem) -> float:
-    """Return a bound [m] on how far pins let matter move: twice the sum of all arms and the largest gyration radius.
+    """Return a bound [m] on how far bodies on point joints can move: twice the sum of all arms and one gyration radius.
 
-    Infinite if some joint has other rows than points.
+    The radius of gyration is the largest of all bodies. Infinite if some joint does not hold a point.
     """
     if not np.all(system.joint_points):
         return math.inf  # a slide or a link bounds no reach by its arms
@@ -196,6 +204,6 @@ def bound_reach(system: MultibodySystem) -> float:
 
 
 def _second_moments(system: MultibodySystem) -> Float[np.ndarray, "nb 3 3"]:
-    """Return the second moments of the mass about C [kg m2], body frame: the integral of x x^T over the mass."""
+    """Return the second moments of each body's mass about C [kg m2], body frame: the integral of x x^T dm."""
     half = 0.5 * np.einsum("bii->b", system.inertia)
     return half[:, None, None] * np.eye(3) - system.inertia

@@ -23,15 +23,18 @@ LARGEST = 2**26  # [bytes] largest file that is read
 
 
 def hold_code(problem: Problem, code: str) -> None:
-    """Hold the digest ``code`` of all code that measures with a held problem: loads of its exact motion are stored."""
+    """Store ``code``, the digest of all code that measures, with a held problem, whose exact loads are then stored.
+
+    Nothing happens for a problem that the parent of runs does not hold.
+    """
     recall_value(problem, CODE, lambda: code)
 
 
 def find_exact_loads(problem: Problem, t: Float[np.ndarray, " nt"], exact: States) -> Float[np.ndarray, "n nb 6"]:
-    """Return what ``compute_exact_loads`` returns for ``exact``, states at some of a run's times ``t`` [s].
+    """Return the joint loads of ``compute_exact_loads`` for ``exact``, states at some of a run's times ``t`` [s].
 
-    It is loaded from disk, or computed and stored there, for a problem that the parent of runs holds, if steps are
-    equal: other solvers have them, too.
+    For a problem that the parent of runs holds (``hold_code``) and a run with equal steps, which other solvers take,
+    too, they are read from a file, or computed and written to it. A system with user forces has no file.
     """
     system, code = problem.system, peek_value(problem, CODE)
     steps = np.diff(t)

@@ -28,7 +28,7 @@ def make_columns(problem: Problem, trajectory: Trajectory, m: MeasuredSeries) ->
 
 
 def list_values_along(run: MeasuredMotion) -> Iterator[tuple[str, str, Float[np.ndarray, " nt"]]]:
-    """Yield the columns that have a value at each step: name, name of the series, and the values (nt,)."""
+    """Yield the columns that summarise a series: name of the column, name of the series, and its values (nt,)."""
     with np.errstate(all="ignore"):
         for name, declared in DECLARED.items():
             if declared.along is not None and (values := declared.along(run)) is not None:
@@ -36,7 +36,10 @@ def list_values_along(run: MeasuredMotion) -> Iterator[tuple[str, str, Float[np.
 
 
 def _measure_column(declared: Declaration, run: MeasuredMotion) -> Any:
-    """Return the number of a column for a measured motion; None where it does not exist or is not measured."""
+    """Return the value of a column for a measured motion; None where it does not exist or is not measured.
+
+    A column that is declared by its values along the motion is the largest of these.
+    """
     if declared.of is not None:
         return declared.of(run)
     values = None if declared.along is None else declared.along(run)

@@ -19,9 +19,10 @@ FEWEST = 120  # fewest frames, even of a straight motion; half, twice: only runs
 
 
 def choose_rows(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_ROWS) -> Int[np.ndarray, " kept"]:
-    """Return the rows of a series to store: all if ``nt <= at_most``, else both ends and rows of equal buckets.
+    """Return the rows of a series of ``nt`` rows to store: all if ``nt <= at_most``, else some of equal buckets.
 
-    Of each bucket its first row is kept, and for each series in ``peaks`` the row where |series| is largest.
+    Of each bucket the first row is stored, and for each series in ``peaks`` the row where |series| is largest; so is
+    the last row of all.
     """
     if nt <= at_most:
         return np.arange(nt)
@@ -43,12 +44,12 @@ def choose_frames(
     at_most: int = MAX_FRAMES,
     near: float = 0.0,
 ) -> Int[np.ndarray, " nf"]:
-    """Return the rows that a drawing needs: both ends, a fifth even in time, the rest dense where paths are curved.
+    """Return the rows that a drawing needs: both ends, a fifth evenly in time, the rest dense where paths are curved.
 
     ``states`` returns the states of a slice of rows; ``size`` [m] of a body turns a rotation into a displacement. At
-    most about ``at_most`` rows are kept; with ``near`` > 0, only as many as keep chords within ``near * size`` of the
-    path. A chord over n rows is off the path by n^2 / 4 times the distance of a row from the chord of its neighbours,
-    so that the sum of the square roots of these distances gives the number of chords.
+    most about ``at_most`` rows are returned; with ``near`` > 0, only as many as keep chords within ``near * size`` of
+    the path, and at least ``FEWEST``. A chord over n rows is off the path by n^2 / 4 times the distance of a row from
+    the chord between its neighbours, so that the sum of the square roots of these distances gives the number of chords.
     """
     if len(t) <= (at_most if near == 0.0 else FEWEST):
         return np.arange(len(t))
@@ -66,7 +67,10 @@ def choose_frames(
 
 
 def _measure_chord_error(t: np.ndarray, s: States, size: float) -> Float[np.ndarray, " n"]:
-    """Return the largest distance [m] of a body from the chord between the rows before and after, at most ``size``."""
+    """Return, for each inner row, the largest distance [m] of a body from the chord between the rows before and after.
+
+    A rotation counts with the arm ``size`` [m], which is also the largest distance returned.
+    """
     u = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None, None]
     with np.errstate(all="ignore"):  # a motion may have blown up
         r = s.r[1:-1] - (1.0 - u) * s.r[:-2] - u * s.r[2:]

@@ -77,32 +77,36 @@ def measure_truncation(
     exact: Callable[[np.ndarray], States] | None = None,
     covered: int = 0,
 ) -> Truncation:
-    """Return the summed errors over the summed bounds, of velocities, accelerations and reactions, of the worst body.
+    """Return the worst body's ratios of summed errors to bounds, for velocities, accelerations and reactions.
 
     Errors and bounds are those of the module's docstring; above 1 an error is more than the step size explains.
-    Accelerations are those of index 1, not the run's own. Ratios of accelerations and reactions up to ``CLEAR`` may be
-    larger than they are, as a part of each bound is left out. If one of the two exceeds its bound, both bounds are
-    widened by the effect of the poses' own errors. If velocities or accelerations still exceed theirs, the exact motion
-    excuses them where it is known. A ratio is NaN with fewer than three rows, for a system at rest, and for reactions
-    where none are recorded.
+    Accelerations are those of index 1, not the run's own. Ratios of accelerations and reactions up to ``CLEAR`` are
+    upper bounds, as a part of the bounds that they are divided by is not evaluated. If one of the two exceeds its
+    bound, both bounds are widened by the effect of the poses' own errors. If the ratio of velocities or accelerations
+    is still above 1, it is divided by that of the exact motion where this is known. A ratio is NaN with fewer than
+    three rows, for a system at rest, and for reactions where none are recorded.
 
     ``speed`` [m/s] is the largest of the motion, ``length`` [m] its length scale; ``exact`` returns the exact motion at
-    given rows and is known at the first ``covered`` ones.
+    given rows of the run and is known at the first ``covered`` ones.
     """
-    k = _steps(system, t, s)
+    k = _choose_rows(system, t, s)
     if len(k) < 3 or not speed > 0.0:
         return Truncation()
     slow = speed / float(t[-1] - t[0])  # [m/s2] acceleration that reaches the speed over the whole run
     size = np.max(np.abs(s.r), initial=0.0) + np.max(system.gyration)
-    rows = _compare(system, t, s, k)
+    rows = _collect_rows(system, t, s, k)
     near = project_poses(system, rows.here)
     found = [solve_index_1(system, near)]
     recorded = None if reaction is None or not system.nj else [reaction[k + d] for d in (-1, 0, 1)]
     no_widening, every = np.zeros((len(k), system.nb)), np.ones(len(k), dtype=bool)
-    velocities = _ratio(*_compare_velocities(rows, speed, size))
+    velocities = _compute_ratio(*_compare_velocities(rows, speed, size))
 
     def compare(found: list[Index1]) -> tuple[Truncation, np.ndarray, float]:
-        """Return the ratios, the largest acceleration at each row, and the largest ratio that depends on ``found``."""
+        """Return all ratios, the largest acceleration at each row [m/s2], and the larger ratio that depends on index 1.
+
+        ``found`` is index 1 at the rows, or before, at and after them. The last result is infinite if an acceleration
+        is.
+        """
         accelerations, largest = _compare_accelerations(rows, found, slow, no_widening, every)
         reactions = _compare_reactions(rows, found, recorded, slow, no_widening, every)
         rate = float(np.max(largest, initial=0.0, where=np.isfinite(largest))) / speed
@@ -110,8 +114,8 @@ def measure_truncation(
         return Truncation(velocities, accelerations, reactions, rate, len(k)), largest, worst
 
     out, largest, worst = compare(found)
-    if worst > CLEAR or _may_be_endless(rows):
-        out, largest, worst = compare(found := _solve_beside(rows, found[0]))
+    if worst > CLEAR or _may_be_infinite(rows):
+        out, largest, worst = compare(found := _solve_neighbours(rows, found[0]))
     if worst > 1.0:
         out = _widen_by_pose_errors(out, rows, near, found, recorded, slow, largest, length)
     known = k[k + 1 < covered]
@@ -121,8 +125,11 @@ def measure_truncation(
     return out
 
 
-def _may_be_endless(rows: _Rows) -> bool:
-    """Return whether accelerations or loads beside the rows may not be finite, so that a row does not count."""
+def _may_be_infinite(rows: _Rows) -> bool:
+    """Return whether accelerations or loads in the neighbouring rows might not be finite, so that a row does not count.
+
+    They might with springs, user forces and drives, and where a recorded state is not finite.
+    """
     system = rows.system
     forced = len(system.spring_k) or len(system.torsion_k) or len(system.user_i) or np.any(system.joint_moving)
     return bool(forced) or not all(
@@ -130,8 +137,8 @@ def _may_be_endless(rows: _Rows) -> bool:
     )
 
 
-def _solve_beside(rows: _Rows, here: Index1) -> list[Index1]:
-    """Return index 1 before, at and after the rows, at poses projected onto the constraints; ``here`` is known."""
+def _solve_neighbours(rows: _Rows, here: Index1) -> list[Index1]:
+    """Return index 1 before, at and after the rows, at poses projected onto the constraints; ``here`` is given."""
     before, after = solve_index_1_of_each(rows.system, project_poses_of_each(rows.system, rows.before_and_after))
     return [before, here, after]
 
@@ -148,9 +155,11 @@ def _widen_by_pose_errors(
 ) -> Truncation:
     """Return ``out`` with bounds on accelerations and reactions that allow for the errors of the poses themselves.
 
-    Each pose is moved twice at random by its own distance from the constraints, on which it is in ``near``. A bound is
-    at least the change that this makes, over ``SURE``; rows where it makes more than ``KNOWN`` of the ``largest``
-    acceleration [m/s2] or load are left out and counted.
+    Each pose of ``near``, the rows projected onto the constraints, is moved twice at random by the distance that the
+    projection moved it. The largest change of an acceleration or load by this, over ``SURE``, is added to its bound;
+    rows where it exceeds ``KNOWN`` of the ``largest`` acceleration [m/s2] or load are left out and counted. ``found``,
+    ``recorded`` and ``slow`` are as in ``_compare_accelerations`` and ``_compare_reactions``; ``length`` [m] is the
+    length scale.
     """
     system = rows.system
     own = np.max(measure_displacement(system, rows.here, near), axis=1, initial=FINEST * length)
@@ -159,15 +168,15 @@ def _widen_by_pose_errors(
     a, load, Omega = found[1].a, found[1].load, rows.here.Omega
     field = _make_matter_rates(a, Omega, _repeat_identity(a))
     change = np.max(
-        [_matter(system, _make_matter_rates(x.a, Omega, _repeat_identity(a)) - field) for x in moved], axis=0
+        [_compute_rms_field(system, _make_matter_rates(x.a, Omega, _repeat_identity(a)) - field) for x in moved], axis=0
     )
     known = np.all(change <= KNOWN * largest, axis=1)  # false where it is no number, too
     accelerations, _ = _compare_accelerations(rows, found, slow, change / SURE, known)
     out = replace(out, accelerations=accelerations, unsure=int(np.sum(~known)))
     if recorded is None:
         return out
-    change = np.max([_weight(system, x.load - load) for x in moved], axis=0)
-    known &= np.all(change <= KNOWN * _largest_load(system, load, slow), axis=1)
+    change = np.max([_measure_loads(system, x.load - load) for x in moved], axis=0)
+    known &= np.all(change <= KNOWN * _find_largest_load(system, load, slow), axis=1)
     reactions = _compare_reactions(rows, found, recorded, slow, change / SURE, known)
     return replace(out, reactions=reactions, unsure_loads=int(np.sum(~known)))
 
@@ -182,16 +191,16 @@ def _excuse_by_exact_motion(
 ) -> Truncation:
     """Return ``out`` with the ratios of velocities and accelerations divided by twice those of the exact motion.
 
-    They are divided where twice the exact motion's ratio at the rows ``k`` is above 1: steps too long to judge rates.
-    ``sizes`` are the largest speed [m/s], the size of the system [m], and the least acceleration [m/s2] that errors are
-    compared with.
+    ``k`` are the rows at which the ratios of the exact motion are computed. A ratio is divided only if twice that of
+    the exact motion is above 1: then the steps are too long to judge rates. ``sizes`` are the largest speed [m/s], the
+    size of the system [m], and the least acceleration that errors are compared with [m/s2].
     """
     speed, size, slow = sizes
     around = np.unique(np.concatenate((k - 1, k, k + 1)))
-    same = _compare(system, t[around], exact(around), np.searchsorted(around, k))
-    found = _solve_beside(same, solve_index_1(system, project_poses(system, same.here)))
+    same = _collect_rows(system, t[around], exact(around), np.searchsorted(around, k))
+    found = _solve_neighbours(same, solve_index_1(system, project_poses(system, same.here)))
     every, no_widening = np.ones(len(k), dtype=bool), np.zeros((len(k), system.nb))
-    velocities = _ratio(*_compare_velocities(same, speed, size))
+    velocities = _compute_ratio(*_compare_velocities(same, speed, size))
     accelerations, _ = _compare_accelerations(same, found, slow, no_widening, every)
     return replace(
         out,
@@ -200,16 +209,21 @@ def _excuse_by_exact_motion(
     )
 
 
-def _compare(system: MultibodySystem, t: np.ndarray, s: States, k: np.ndarray) -> _Rows:
-    """Return the rows ``k`` with the difference quotients of poses and velocities to both sides."""
+def _collect_rows(system: MultibodySystem, t: np.ndarray, s: States, k: np.ndarray) -> _Rows:
+    """Return the rows ``k`` (indices) of a motion with the difference quotients of its poses and velocities.
+
+    There is one over the step before each row, and one over the step after it.
+    """
     before, here, after = (s.at(k + d) for d in (-1, 0, 1))
     h1, h2 = ((t[k + d] - t[k + d - 1])[:, None, None] for d in (0, 1))
-    quotients = tuple((_velocities(y) - _velocities(x)) / h for x, y, h in ((before, here, h1), (here, after, h2)))
+    quotients = tuple(
+        (_stack_velocities(y) - _stack_velocities(x)) / h for x, y, h in ((before, here, h1), (here, after, h2))
+    )
     return _Rows(
         system,
         here,
-        _velocities(here),
-        (_rates(before, here, h1), _rates(here, after, h2)),
+        _stack_velocities(here),
+        (_compute_mean_velocities(before, here, h1), _compute_mean_velocities(here, after, h2)),
         (quotients[0], quotients[1]),
         (h1, h2),
         (before, after),
@@ -221,14 +235,17 @@ def _halve_rotations(rows: _Rows) -> list[np.ndarray]:
     return [so3.exp(sign * 0.5 * h * x[..., 3:]) for sign, h, x in zip((-1.0, 1.0), rows.h, rows.sides, strict=True)]
 
 
-def _mean(rows: _Rows, pair: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Return the slope at the middle row of the parabola through three rows, from the two difference quotients."""
+def _interpolate_slope(rows: _Rows, pair: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Return the slope at each row of the parabola through it and its neighbours, from its two difference quotients.
+
+    ``pair`` are these quotients, over the steps before and after the row.
+    """
     h1, h2 = rows.h
     return np.asarray((h2 * pair[0] + h1 * pair[1]) / (h1 + h2))
 
 
-def _rounding(rows: _Rows) -> np.ndarray:
-    """Return the rounding error [1/s] of a difference quotient, as a fraction of the poses' size (n, 1)."""
+def _estimate_rounding(rows: _Rows) -> np.ndarray:
+    """Return the rounding error of difference quotients (n, 1) [1/s]; times the size of the poses [m] it is in m/s."""
     return np.asarray((np.finfo(float).eps * ROUNDINGS / np.minimum(*rows.h))[..., 0])
 
 
@@ -241,8 +258,8 @@ def _compare_velocities(rows: _Rows, speed: float, size: float) -> tuple[np.ndar
         _make_matter_rates(x, np.zeros_like(x[..., 3:]), turn)
         for x, turn in zip(rows.sides, _halve_rotations(rows), strict=True)
     )
-    off = _size(rows.system, _mean(rows, rows.sides) - rows.v)
-    return off, _matter(rows.system, last - first) + TOLD * speed + size * _rounding(rows)
+    error = _compute_rms_velocity(rows.system, _interpolate_slope(rows, rows.sides) - rows.v)
+    return error, _compute_rms_field(rows.system, last - first) + TOLD * speed + size * _estimate_rounding(rows)
 
 
 def _compare_accelerations(
@@ -250,68 +267,78 @@ def _compare_accelerations(
 ) -> tuple[float, np.ndarray]:
     """Return the ratio of the errors of accelerations to their bounds, and the largest acceleration (n, 1) [m/s2].
 
-    ``found`` is index 1 at the rows before, here and after, or here alone: then the part of the bounds that is from
-    beside is left out. ``wider`` [m/s2] is added to the bounds, only rows that are ``known`` count, and ``slow`` [m/s2]
-    is the least acceleration that errors are compared with.
+    ``found`` is index 1 before, at and after the rows, or at the rows alone: then the part of the bounds that follows
+    from the neighbours is left out. ``wider`` (n, nb) [m/s2] is added to the bounds, only rows that are ``known`` (n,)
+    count, and ``slow`` [m/s2] is the least acceleration that errors are compared with.
     """
     system, a, halves = rows.system, found[len(found) // 2].a, _halve_rotations(rows)
     field = _make_matter_rates(a, rows.here.Omega, _repeat_identity(a))
     # a body at rest has no acceleration to compare with
-    there = np.maximum(np.max(_matter(system, field), axis=1, keepdims=True), slow)
+    largest = np.maximum(np.max(_compute_rms_field(system, field), axis=1, keepdims=True), slow)
     first, last = (
         _make_matter_rates(q, x[..., 3:], turn) for q, x, turn in zip(rows.quotients, rows.sides, halves, strict=True)
     )
-    left = _matter(system, last - first)
+    bound = _compute_rms_field(system, last - first)
     if len(found) > 1:
         ends = (
             _make_matter_rates(x.a, at.Omega, half @ half) - field
             for x, at, half in zip((found[0], found[2]), rows.before_and_after, halves, strict=True)
         )
-        left = np.maximum(left, sum(_matter(system, x) for x in ends))
-    off = _size(system, _mean(rows, rows.quotients) - a)
-    off, left = _bound(off, left, MOST * there)
-    left = left + TOLD * there + float(np.max(_size(system, rows.v), initial=0.0)) * _rounding(rows) + wider
-    return _ratio(off, left, known), there
+        bound = np.maximum(bound, sum(_compute_rms_field(system, x) for x in ends))
+    error = _compute_rms_velocity(system, _interpolate_slope(rows, rows.quotients) - a)
+    error, bound = _cap_errors(error, bound, MOST * largest)
+    fastest = float(np.max(_compute_rms_velocity(system, rows.v), initial=0.0))
+    bound = bound + TOLD * largest + fastest * _estimate_rounding(rows) + wider
+    return _compute_ratio(error, bound, known), largest
 
 
 def _compare_reactions(
-    rows: _Rows, found: list[Index1], told: list[np.ndarray] | None, slow: float, wider: np.ndarray, known: np.ndarray
+    rows: _Rows,
+    found: list[Index1],
+    recorded: list[np.ndarray] | None,
+    slow: float,
+    wider: np.ndarray,
+    known: np.ndarray,
 ) -> float:
     """Return the ratio of the errors of joint loads to their bounds over ``known`` rows; NaN without reactions.
 
-    ``told`` are the recorded reactions at the rows before, here and after; ``found`` and ``known`` are as of
-    ``_compare_accelerations``. ``wider`` [N] is added to the bounds; ``slow`` [m/s2] times its mass is the least load
-    that a body's errors are compared with.
+    ``recorded`` are the recorded reactions before, at and after the rows; ``found`` and ``known`` are those of
+    ``_compare_accelerations``. ``wider`` (n, nb) [N] is added to the bounds; the errors of a body are compared with at
+    least its mass times ``slow`` [m/s2].
     """
-    if told is None:
+    if recorded is None:
         return float("nan")
     system = rows.system
     at = (rows.before_and_after[0], rows.here, rows.before_and_after[1])
-    loads = np.split(compute_loads_on_bodies(system, np.concatenate(told), States.join(at)), len(told))
+    loads = np.split(compute_loads_on_bodies(system, np.concatenate(recorded), States.join(at)), len(recorded))
     exact = [x.load for x in found]
     here = exact[len(exact) // 2]
-    pull = _largest_load(system, here, slow)
+    largest = _find_largest_load(system, here, slow)
     of_both = [x for x in (loads, exact) if len(x) > 1]
-    steps = np.max([_weight(system, x[1] - x[0]) + _weight(system, x[2] - x[1]) for x in of_both], axis=0)
-    off, left = _bound(_weight(system, loads[1] - here), steps, MOST * pull)
-    return _ratio(off, left + TOLD * pull + wider, known)
+    steps = np.max([_measure_loads(system, x[1] - x[0]) + _measure_loads(system, x[2] - x[1]) for x in of_both], axis=0)
+    error, bound = _cap_errors(_measure_loads(system, loads[1] - here), steps, MOST * largest)
+    return _compute_ratio(error, bound + TOLD * largest + wider, known)
 
 
-def _bound(off: np.ndarray, left: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors and bounds, both scaled down where an error exceeds ``most``, so that no row decides the sum.
+def _cap_errors(error: np.ndarray, bound: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors and bounds, scaled down where an error exceeds ``most``, so that no single row decides a sum.
 
-    An infinite error becomes ``most`` with a bound of zero.
+    An error and its bound are scaled by the same factor, which makes the error ``most``. An infinite error becomes
+    ``most`` with a bound of zero.
     """
-    share = np.minimum(1.0, np.divide(most, off, out=np.ones_like(off), where=off > 0.0))
+    factor = np.minimum(1.0, np.divide(most, error, out=np.ones_like(error), where=error > 0.0))
     with np.errstate(invalid="ignore"):
-        scaled, open_ = np.minimum(off * share, most), np.minimum(left * share, most)
-    endless = np.isinf(off)  # leaves nothing open
-    return np.where(endless, np.broadcast_to(most, off.shape), scaled), np.where(endless, 0.0, open_)
+        scaled, scaled_bound = np.minimum(error * factor, most), np.minimum(bound * factor, most)
+    infinite = np.isinf(error)
+    return np.where(infinite, np.broadcast_to(most, error.shape), scaled), np.where(infinite, 0.0, scaled_bound)
 
 
-def _largest_load(system: MultibodySystem, load: np.ndarray, slow: float) -> np.ndarray:
-    """Return the largest joint load on any body [N] at each row, or mass times ``slow`` [m/s2] if that is larger."""
-    return np.maximum(np.max(_weight(system, load), axis=1, keepdims=True), system.mass * slow)
+def _find_largest_load(system: MultibodySystem, load: np.ndarray, slow: float) -> np.ndarray:
+    """Return the joint load that errors of each body are compared with (n, nb) [N].
+
+    It is the largest load on any body at that row, or the body's mass times ``slow`` [m/s2] if that is larger.
+    """
+    return np.maximum(np.max(_measure_loads(system, load), axis=1, keepdims=True), system.mass * slow)
 
 
 def _repeat_identity(a: np.ndarray) -> np.ndarray:
@@ -321,25 +348,30 @@ def _repeat_identity(a: np.ndarray) -> np.ndarray:
 
 def measure_unexplained_velocity(
     t: Float[np.ndarray, " nt"],
-    away: Float[np.ndarray, " nt"],
-    rate: Float[np.ndarray, " nt"],
+    pose_error: Float[np.ndarray, " nt"],
+    velocity_error: Float[np.ndarray, " nt"],
     speed: float,
     turn: float,
 ) -> float:
     """Return the largest velocity error relative to the largest that the pose errors could cause.
 
-    ``rate`` [m/s] and ``away`` [m] are the errors of velocities and poses against a reference. A pose error may change
-    sign within a step, or within a radian of the fastest rotation or vibration, ``turn`` [rad/s]: twice the error times
-    the sum of both rates is the most it explains. NaN if velocities are accurate to ``TOLD`` of ``speed`` [m/s].
+    ``pose_error`` [m] and ``velocity_error`` [m/s] are against a reference, at the times ``t`` [s]. A pose error may
+    change sign within a step, or within a radian of the fastest rotation or vibration, ``turn`` [rad/s]: it explains at
+    most twice its size times the sum of both frequencies. NaN if velocities are accurate to ``TOLD`` of ``speed``
+    [m/s], or with fewer than two steps.
     """
-    most = float(np.max(rate, initial=0.0))
-    if len(t) < 2 or not most > TOLD * speed:
+    largest = float(np.max(velocity_error, initial=0.0))
+    if len(t) < 2 or not largest > TOLD * speed:
         return float("nan")
-    return most / (2.0 * float(np.max(away)) * (1.0 / float(np.median(np.diff(t))) + turn) or np.finfo(float).tiny)
+    explained = 2.0 * float(np.max(pose_error)) * (1.0 / float(np.median(np.diff(t))) + turn)
+    return largest / (explained or np.finfo(float).tiny)
 
 
-def _steps(system: MultibodySystem, t: np.ndarray, s: States) -> Int[np.ndarray, " n"]:
-    """Return the rows to examine: evenly picked inner rows whose steps on both sides resolve the rotation."""
+def _choose_rows(system: MultibodySystem, t: np.ndarray, s: States) -> Int[np.ndarray, " n"]:
+    """Return the rows to examine (indices): evenly picked inner rows whose steps on both sides resolve the rotation.
+
+    There are at most ``SAMPLES``, and fewer for large systems.
+    """
     turn = np.max(np.linalg.norm(s.Omega, axis=2), axis=1, initial=0.0)
     h = np.diff(t)
     fastest = np.maximum(np.maximum(turn[:-2], turn[1:-1]), turn[2:])
@@ -348,56 +380,61 @@ def _steps(system: MultibodySystem, t: np.ndarray, s: States) -> Int[np.ndarray,
     return inner[np.unique(np.linspace(0, len(inner) - 1, min(most, len(inner))).round().astype(np.int64))]
 
 
-def _rates(a: States, b: States, h: np.ndarray) -> np.ndarray:
+def _compute_mean_velocities(a: States, b: States, h: np.ndarray) -> np.ndarray:
     """Return the constant (v, Omega) that takes poses ``a`` to ``b`` over ``h`` [s], (n, nb, 6): space, body frame."""
     return np.concatenate(((b.r - a.r) / h, so3.log(np.swapaxes(a.R, -1, -2) @ b.R) / h), axis=-1)
 
 
-def _velocities(s: States) -> np.ndarray:
+def _stack_velocities(s: States) -> np.ndarray:
     """Return the recorded (v, Omega) of each body in one array (nt, nb, 6)."""
     return np.concatenate((s.v, s.Omega), axis=-1)
 
 
 def _make_matter_rates(rate: np.ndarray, spin: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Return the rates of a body's matter in space, from ``rate`` of its C [space] and of its rotation [body].
+    """Return velocities or accelerations of each body's matter as a linear field: those of C and a matrix for points.
 
-    Column 0 of the result (n, nb, 3, 4) is the rate of C. The other columns map a point of the body, in its frame, to
-    its rate relative to C, rotated by ``turn``. ``spin`` is the angular velocity for accelerations, and zero for
-    velocities.
+    Column 0 of the result (n, nb, 3, 4) is that of C, the first half of ``rate``, in space. The other columns map a
+    point of the body, in its frame, to its velocity or acceleration relative to C; the matrix is hat(Omega), or
+    hat(Omega_dot) + hat(Omega)^2, rotated by ``turn``. For velocities, ``rate`` is (v, Omega) and ``spin`` is zero; for
+    accelerations, they are their derivatives and Omega.
     """
     W = so3.hat(spin)
     return np.concatenate((rate[..., :3, None], turn @ (so3.hat(rate[..., 3:]) + W @ W)), axis=-1)
 
 
-def _matter(system: MultibodySystem, rate: np.ndarray) -> np.ndarray:
-    """Return the root mean square over each body's matter (n, nb) of rates as ``_make_matter_rates`` returns them."""
+def _compute_rms_field(system: MultibodySystem, rate: np.ndarray) -> np.ndarray:
+    """Return the root mean square over each body's matter (n, nb) of the field that ``_make_matter_rates`` returns."""
     trace = np.trace(system.inertia, axis1=1, axis2=2)[:, None, None]
     second = (0.5 * trace * np.eye(3) - system.inertia) / system.mass[:, None, None]
     G = rate[..., 1:]
     return np.sqrt(np.maximum(np.sum(rate[..., 0] ** 2, axis=-1) + np.einsum("tbij,bjk,tbik->tb", G, second, G), 0.0))
 
 
-def _ratio(off: np.ndarray, open_: np.ndarray, known: np.ndarray | None = None) -> float:
-    """Return the ratio of the sum of errors ``off`` over the rows to that of bounds ``open_``, of the worst body.
+def _compute_ratio(error: np.ndarray, bound: np.ndarray, known: np.ndarray | None = None) -> float:
+    """Return the ratio of the sum of errors ``error`` over the rows to that of bounds ``bound``, of the worst body.
 
-    Rows that are not finite, or not ``known``, do not count. NaN if fewer than three count or under 90 % are known.
+    Both are (n, nb). Rows that are not finite, or not ``known``, do not count. NaN if fewer than three count, or if
+    less than ``DECIDED`` of the rows are known.
     """
-    counted = np.all(np.isfinite(off) & np.isfinite(open_), axis=1)
+    counted = np.all(np.isfinite(error) & np.isfinite(bound), axis=1)
     if known is not None:
         counted &= known
-    if np.sum(counted) < 3 or (known is not None and np.sum(known) < DECIDED * len(off)):
+    if np.sum(counted) < 3 or (known is not None and np.sum(known) < DECIDED * len(error)):
         return float("nan")
-    total, least = np.sum(off[counted], axis=0), np.sum(open_[counted], axis=0)
+    total, least = np.sum(error[counted], axis=0), np.sum(bound[counted], axis=0)
     return float(np.max(np.divide(total, least, out=np.zeros_like(total), where=total > 0.0)))
 
 
-def _size(system: MultibodySystem, a: np.ndarray) -> np.ndarray:
-    """Return the root mean square over each body's matter (n, nb) of rates (v, Omega), as of velocities at one pose."""
+def _compute_rms_velocity(system: MultibodySystem, a: np.ndarray) -> np.ndarray:
+    """Return the root mean square over each body's matter (n, nb) of a velocity field ``a`` = (v, Omega) at one pose.
+
+    For a difference of accelerations at one pose and velocity, it is that of the difference.
+    """
     turning = np.einsum("tbi,bij,tbj->tb", a[..., 3:], system.inertia, a[..., 3:]) / system.mass
     return np.sqrt(np.sum(a[..., :3] ** 2, axis=-1) + turning)
 
 
-def _weight(system: MultibodySystem, load: np.ndarray) -> np.ndarray:
-    """Return the norm of the load on each body [N]; a moment is divided by the longest joint arm or gyration."""
+def _measure_loads(system: MultibodySystem, load: np.ndarray) -> np.ndarray:
+    """Return the norm of the joint load on each body [N]; its moment is divided by the body's arm (``find_arms``)."""
     moment = np.sum(load[..., 3:] ** 2, axis=-1) / find_arms(system) ** 2
     return np.sqrt(np.sum(load[..., :3] ** 2, axis=-1) + moment)

@@ -44,7 +44,7 @@ class Generation(Shape, frozen=True):
         return ColumnDigests(self.measuring, self.columns)
 
     def has_equal_run_digests(self, other: "Generation") -> bool:
-        """Return whether ``other`` has the digests of all that runs depend on here; judging may differ.
+        """Return whether ``other`` has the same digests of all that runs depend on; those of judging may differ.
 
         It may have more columns: a column that is added changes no other.
         """
@@ -91,11 +91,11 @@ def read_carried(path: ConfinedPath | Path = FILE) -> CarriedCode | None:
 
 
 @cache
-def list_equal() -> tuple[Generation, ...]:
-    """List the states of the code whose runs have the same bits as runs of the present code, newest first.
+def list_equal_generations() -> tuple[Generation, ...]:
+    """Return the states of the code whose runs have the same bits as runs of the present code, the newest first.
 
-    The present state comes first; it is the only one if ``carried.json`` is missing or was written for other code. That
-    for which it was written may have fewer columns.
+    The present state comes first. It is the only one if ``carried.json`` is missing or was written for other code; the
+    code that it was written for may have fewer columns.
     """
     here, carried = digest_present_code(), read_carried()
     if carried is None or not carried.now.has_equal_run_digests(here):
@@ -105,22 +105,23 @@ def list_equal() -> tuple[Generation, ...]:
 
 
 def is_current_or_carried(problem: str, solver: str, code: str) -> bool:
-    """Return whether a run has the digest of the present code, or of an earlier state of it that was carried over.
+    """Return whether a run was made by the present code, or by an earlier state that was shown to give the same bits.
 
-    ``code`` is the column of the run's record, ``problem`` and ``solver`` are its names. An empty digest is of no code.
+    ``code`` is that column of the run's record, the digest of its code; an empty one gives False.
     """
-    return code != "" and any(code == g.digest_run_code(problem, solver) for g in list_equal())
+    return code != "" and any(code == g.digest_run_code(problem, solver) for g in list_equal_generations())
 
 
 def is_measuring_carried(measured_by: str, known: Mapping[str, ColumnDigests] = MappingProxyType({})) -> bool:
-    """Return whether the present code, or an earlier state of it that was carried over, measures what a run was.
+    """Return whether a run was measured as by the present code, or by an earlier state shown to give the same bits.
 
-    ``measured_by`` is the column of the run's record; empty in an older record, whose column ``code`` covers it.
-    ``known`` are the states of the code in the folder of the run (``column_digests``).
+    ``measured_by`` is that column of the run's record, a digest of code; True if it is empty, as in older records,
+    whose column ``code`` covers it. ``known`` has the digests of series and columns for each digest of code, as stored
+    in the run's folder: code that the present one agrees with in all of them measures the same.
     """
     if not measured_by:
         return True
-    here, *others = (g.measured for g in list_equal())
+    here, *others = (g.measured for g in list_equal_generations())
     if any(measured_by == state.digest for state in (here, *others)):
         return True
     if (then := known.get(measured_by)) is None:
@@ -131,13 +132,13 @@ def is_measuring_carried(measured_by: str, known: Mapping[str, ColumnDigests] = 
 
 
 def bring_forward(code: CodeDigests) -> CodeDigests:
-    """Return the digests of published verdicts, those of earlier code with equal bits replaced by the present ones.
+    """Return the digests that published verdicts record, with those of earlier code with equal bits made the present.
 
     They are returned unchanged if no known state of the code made these verdicts. The digest of judging is replaced
     only if all verdicts were shown to be equal, too.
     """
     here = digest_present_code()
-    known = [g for g in list_equal() if g.includes(code)]
+    known = [g for g in list_equal_generations() if g.includes(code)]
     if not known:
         return code
     now = (
@@ -166,16 +167,16 @@ def add_generation(
 ) -> CarriedCode:
     """Return the content of ``carried.json`` after runs by ``before`` and ``after`` were found equal bit for bit.
 
-    ``known`` is its present content; ``solvers`` and ``problems`` are the names whose runs were all equal, the only
-    ones that earlier states keep.
+    ``known`` is its present content; its earlier states stay if ``before`` equals its newest. ``solvers`` and
+    ``problems`` are the names whose runs were all equal, the only ones that earlier states keep.
     """
     older = known.before if known is not None and known.now.has_equal_run_digests(before) else ()
     if known is not None and known.now.judging != before.judging:  # their verdicts were not compared
         older = tuple(msgspec.structs.replace(g, judging="") for g in older)
-    return CarriedCode(after, tuple(_restrict(g, solvers, problems) for g in (*older, before)))
+    return CarriedCode(after, tuple(_restrict_generation(g, solvers, problems) for g in (*older, before)))
 
 
-def _restrict(g: Generation, solvers: Collection[str], problems: Collection[str]) -> Generation:
+def _restrict_generation(g: Generation, solvers: Collection[str], problems: Collection[str]) -> Generation:
     """Return the generation with the digests of these solvers and problems only."""
     own = {k: v for k, v in g.solvers.items() if k in solvers}
     return msgspec.structs.replace(g, solvers=own, problems={k: v for k, v in g.problems.items() if k in problems})

@@ -31,8 +31,8 @@ WORDS = ("quote", "caveats", "section", "figure", "claim")  # keys of a claim th
 MOST = 6  # most names that a line lists
 
 
-def code_now(register: Register, specs: Iterable[RunSpec]) -> CodeDigests:
-    """Return the digests of the present code, register and suites, as verdicts on these runs would record them."""
+def digest_code_and_claims(register: Register, specs: Iterable[RunSpec]) -> CodeDigests:
+    """Return the digests that verdicts on the runs ``specs`` would record now: of code, register and suites."""
     runs, here = tuple(specs), codes.package_sources()
     claims = [{k: v for k, v in msgspec.to_builtins(c).items() if k not in WORDS} for c in register.claims]
     text = json.dumps([sorted(s.settings_id for s in runs), claims], sort_keys=True)
@@ -48,9 +48,9 @@ def code_now(register: Register, specs: Iterable[RunSpec]) -> CodeDigests:
 
 
 def find_older_runs(records: Iterable[RunRecord], plugins: Sequence[str] = ()) -> tuple[RunRecord, ...]:
-    """Return the runs that were made by code other than the present one.
+    """Return the runs that were made by other code than the present one.
 
-    Runs of problems and solvers from plugins, and motions from files, are not considered. ``plugins`` are those of the
+    Runs of problems or solvers from plugins, and motions from files, are left out. ``plugins`` are those of the
     results, which are part of a run's digest.
     """
     here = codes.package_sources()
@@ -64,22 +64,26 @@ def find_stale_runs(
 ) -> dict[RunRecord, tuple[str, ...]]:
     """Return the runs that the present code would measure in another way, each with the columns concerned.
 
-    ``known`` are the states of the code in the folder of the runs. Motions from files are not considered.
+    ``known`` has the digests of the code that measured them, as stored in their folder, by the digest in a record.
+    Motions from files are left out.
     """
     here = codes.read_column_digests()
     found = {r: find_stale_columns(r, known, here) for r in records if r.suite != REFEREED}
     return {r: stale for r, stale in found.items() if stale}
 
 
-def describe_stale(stale: Mapping[RunRecord, Sequence[str]], folder: str) -> str:
-    """Describe in one line how many runs in ``folder`` other code measured, in which columns, and what to do."""
+def describe_stale_runs(stale: Mapping[RunRecord, Sequence[str]], folder: str) -> str:
+    """Describe in one line how many runs in ``folder`` other code measured, in which columns, and what to do.
+
+    ``stale`` has these runs with their columns, at least one.
+    """
     columns = _join_names({name for names in stale.values() for name in names})
     runs = f"{len(stale)} {'run' if len(stale) == 1 else 'runs'} in {folder}"
     was = "was" if len(stale) == 1 else "were"
     return f"{runs} {was} measured by other code ({columns}): mbsbench remeasure {folder}"
 
 
-def describe_older(old: Sequence[RunRecord], folder: str) -> str:
+def describe_older_runs(old: Sequence[RunRecord], folder: str) -> str:
     """Describe in one line how many runs in ``folder`` are out of date, by which solvers, and how to repeat them.
 
     ``old`` are these runs.
@@ -90,7 +94,11 @@ def describe_older(old: Sequence[RunRecord], folder: str) -> str:
 
 
 def describe_changes(published: CodeDigests, now: CodeDigests, suite: str) -> str:
-    """Describe in one line what has changed since verdicts were published, with the commands; empty if nothing has."""
+    """Describe in one line what has changed since verdicts were published, with the commands that renew them.
+
+    It is the first change that needs the most: runs, then measuring, then judging; empty if nothing has changed.
+    ``suite`` is the one that has the runs of the claims.
+    """
     solvers, problems = (_find_changed(getattr(published, k), getattr(now, k)) for k in ("solvers", "problems"))
     judge = "mbsbench judge --publish"
     run = f"mbsbench run {suite} --resume, then {judge}"

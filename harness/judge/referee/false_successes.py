@@ -21,9 +21,9 @@ from ..invariance import OUT_OF_PLANE, find_return_factor
 
 
 def find_false_successes(records: Iterable[RunRecord], symmetries: Iterable[Symmetry]) -> tuple[FalseSuccess, ...]:
-    """Return one entry per run that claims success but breaks a law, leaves its plane, or breaks a symmetry.
+    """Return one entry per run that claims success and misleads: it breaks a law or a symmetry, or leaves its plane.
 
-    The entry holds the reasons that mislead: those on the run's record, and those found here.
+    The entry holds the reasons. Runs from a literal start are left out.
     """
     broken: dict[str, list[Reason]] = {}
     for s in symmetries:
@@ -40,7 +40,7 @@ def find_false_successes(records: Iterable[RunRecord], symmetries: Iterable[Symm
 
 
 def list_contradictions(r: RunRecord) -> tuple[Reason, ...]:
-    """Return the reasons against a run that need no other run: laws that its record says it breaks, and its plane."""
+    """Return the reasons against a run that need no other run: laws that a wrong run breaks, and leaving its plane."""
     return (*(r.reasons if r.status == Status.WRONG else ()), *_find_out_of_plane(r))
 
 
@@ -58,20 +58,22 @@ def _find_out_of_plane(r: RunRecord) -> tuple[Reason, ...]:
 def weigh_break(row: Symmetry, base: RunRecord, presented: RunRecord) -> Symmetry:
     """Return the row of a broken symmetry with the method's own error and whether it misleads; others unchanged.
 
+    It does not mislead if the presented motion agrees with its reference, or if the deviation is below that error.
     ``base`` is the run as it stands, ``presented`` the one in another presentation; for planarity they are the same.
     """
     if row.verdict != "broken":
         return row
     own = measure_own_error(row, base)
-    right = agrees_with_reference(presented) and (row.check != REVERSAL or _returns(presented))
+    right = agrees_with_reference(presented) and (row.check != REVERSAL or _returns_to_start(presented))
     return replace(row, own_error=own, misleads=not (right or row.deviation <= own))
 
 
 def measure_own_error(row: Symmetry, base: RunRecord) -> float:
-    """Return the error that the method makes without the break [m], in the distance that the check compares.
+    """Return the error that the method makes anyway [m], in the distance by which the check compares poses.
 
-    It is the largest of poses until the end of ``base``; on a way back it grows as a changed start does. Of a run that
-    leaves its plane it is the part within the plane. NaN if errors are not judged until the end.
+    It is the largest pose error of ``base`` or, for a run that leaves its plane, the part of it within the plane. For a
+    motion that is integrated back, it is multiplied by how much errors grow on the way. NaN if the motion is not
+    predictable to its end.
     """
     if not is_compared_to_end(base):
         return math.nan
@@ -82,8 +84,11 @@ def measure_own_error(row: Symmetry, base: RunRecord) -> float:
     return poses * (find_return_factor(row.growth) if row.check == REVERSAL else 1.0)
 
 
-def _returns(r: RunRecord) -> bool:
-    """Return whether the way back ends at the start, which is its exact motion's end, with the velocities reversed."""
+def _returns_to_start(r: RunRecord) -> bool:
+    """Return whether a motion that is integrated back ends at its start, with the velocities reversed there.
+
+    Both must agree to ``RIGHT`` of the run's scales of length and speed.
+    """
     away = np.maximum(r.return_error_m, r.length_scale_m * r.return_error_rad)
     speed = np.maximum(r.return_error_m_per_s, r.length_scale_m * r.return_error_rad_per_s)
     return bool(away <= RIGHT * r.length_scale_m and speed <= RIGHT * r.speed_scale_m_per_s)

@@ -17,17 +17,17 @@ from ...results.provisional import select_latest
 from ...results.records import RunRecord
 from .carried import bring_forward
 from .certificates.drift import analyse_drift
-from .certificates.orders import certify
+from .certificates.orders import certify_orders
 from .certificates.symmetries import check_symmetries
 from .certificates.work import collect_work
-from .claims.frame import SeriesOf, read_dimensions, select
-from .claims.judging import judge
-from .currency import code_now, describe_changes
+from .claims.frame import SeriesOf, read_dimensions, select_runs
+from .claims.judging import judge_claims
+from .currency import describe_changes, digest_code_and_claims
 from .false_successes import find_false_successes
 from .registers import PAPER, PLACES, RegisterPlace
 
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
-    (files.ORDERS.name, certify),
+    (files.ORDERS.name, certify_orders),
     (files.DRIFTS.name, analyse_drift),
     (files.SYMMETRIES.name, check_symmetries),
     (files.WORK.name, collect_work),
@@ -39,8 +39,8 @@ def judge_results(
 ) -> dict[str, Any]:
     """Return every judgement on the results in ``folder`` by the name of its file, such as ``claims`` or ``drift``.
 
-    ``places`` are the registers of claims. Runs that a resumed folder holds twice count once. ``watch`` is called with
-    what each judgement finds as it begins.
+    ``places`` are the registers of claims. Runs that a resumed folder holds twice count once. ``watch`` is called as
+    each judgement begins, with its name in words.
     """
     records = select_latest(store.load(folder, check_series=False).records)
     out: dict[str, Any] = {}
@@ -57,34 +57,34 @@ def judge_results(
 
 def judge_register(place: RegisterPlace, records: Iterable[RunRecord], series_of: SeriesOf) -> tuple[JudgedClaim, ...]:
     """Return the verdicts on the claims of a register, tried on the runs of its suites."""
-    found = judge(place.read(), list_tried(place), records, series_of)
+    found = judge_claims(place.read(), list_tried_runs(place), records, series_of)
     return tuple(replace(c, register=place.name) for c in found)
 
 
-def list_tried(place: RegisterPlace = PAPER) -> tuple[RunSpec, ...]:
+def list_tried_runs(place: RegisterPlace = PAPER) -> tuple[RunSpec, ...]:
     """Return the runs of all suites that the claims of a register are tried on, each once."""
     return tuple({c.settings_id: c for name in place.suites for c in load_suite(name).specs}.values())
 
 
-def select_needed(place: RegisterPlace) -> tuple[RunSpec, ...]:
-    """Return the runs that the maps of the register's claims select, without which verdicts cannot be judged."""
-    tried = [read_dimensions(s) for s in list_tried(place)]
+def select_needed_runs(place: RegisterPlace) -> tuple[RunSpec, ...]:
+    """Return the runs that the maps of the register's claims select, each once: verdicts need all of them."""
+    tried = [read_dimensions(s) for s in list_tried_runs(place)]
     maps = {m.name: m for c in place.read().claims for m in c.maps if m}.values()
-    return tuple({p.spec.settings_id: p.spec for m in maps for p in select(tried, m.over)}.values())
+    return tuple({p.spec.settings_id: p.spec for m in maps for p in select_runs(tried, m.over)}.values())
 
 
 def list_published_runs(place: RegisterPlace = PAPER) -> tuple[RunSpec, ...]:
-    """Return the runs that verdicts are published from.
+    """Return the runs from which the verdicts of a register are published.
 
-    Those of the paper come with orders, symmetries and more from its whole suite, ``referee``; those of the field from
-    the runs of its maps.
+    For the paper they are its whole suite, ``referee``, which orders, symmetries and more are published from, too; for
+    the field they are the runs of its claims' maps.
     """
-    return load_suite(place.whole).specs if place.name == PAPER.name else select_needed(place)
+    return load_suite(place.whole).specs if place.name == PAPER.name else select_needed_runs(place)
 
 
 def digest_code(place: RegisterPlace = PAPER) -> CodeDigests:
-    """Return the digests of the present code, as verdicts on the claims of a register would record them."""
-    return code_now(place.read(), list_published_runs(place))
+    """Return the digests of the present code that verdicts on the claims of a register would record."""
+    return digest_code_and_claims(place.read(), list_published_runs(place))
 
 
 def find_missing(records: Iterable[RunRecord], specs: Iterable[RunSpec]) -> list[RunSpec]:
@@ -94,10 +94,10 @@ def find_missing(records: Iterable[RunRecord], specs: Iterable[RunSpec]) -> list
 
 
 def write_judgements(folder: ConfinedPath, judged: Mapping[str, Any], codes: Mapping[str, CodeDigests]) -> list[Path]:
-    """Write a file per judgement atomically, and return the paths.
+    """Write a JSON file per judgement to ``folder``, each atomically, and return the paths.
 
     ``judged`` is the result of ``judge_results``, or a part of it. ``codes`` has, by the name of each file of claims
-    in it, the digests of the code they come from.
+    in it, the digests of the code that judged them, which are written with the claims.
     """
     out = []
     for name, found in judged.items():
@@ -110,16 +110,16 @@ def write_judgements(folder: ConfinedPath, judged: Mapping[str, Any], codes: Map
 def describe_outdated(folder: ConfinedPath, place: RegisterPlace = PAPER, now: CodeDigests | None = None) -> str:
     """Describe in one line what changed since the verdicts in ``folder`` were published; empty if nothing did.
 
-    The line gives the commands that renew them. ``now`` are the digests of the present code if they are known.
+    The line gives the commands that renew them. ``now`` are the digests of the present code, computed if not given.
     """
     published = bring_forward(files.read_claims_code(folder, place.file))
     return describe_changes(published, now or digest_code(place), place.whole)
 
 
 def find_changes(before: Sequence[JudgedClaim], after: Sequence[JudgedClaim]) -> list[tuple[str, str, str]]:
-    """Return id and verdicts, before and after, of the claims whose verdicts differ, in the order of the register.
+    """Return the claims whose verdicts differ: id, verdicts before and verdicts after, in the order of the register.
 
-    Those that are no longer judged come last; a verdict is empty if the claim was not judged.
+    Claims that are no longer judged come last; verdicts are empty where a claim was not judged.
     """
     old, new = ({c.id: c.verdicts for c in claims} for claims in (before, after))
     out = [(k, old.get(k, ""), v) for k, v in new.items() if old.get(k, "") != v]

@@ -15,15 +15,18 @@ from ...mechanics.types import Law
 from ...results.judgements.runs import PLANARITY, FalseSuccess, Symmetry
 from ...results.misleading import breaks_state_law
 from ...results.records import RunRecord
-from .certificates.symmetries import measure_deviation, read_end
+from .certificates.symmetries import measure_deviation, read_last_poses
 from .false_successes import find_false_successes, list_contradictions, weigh_break
 
 SAME = 1e-6  # relative difference of two numbers of one run; other processors may round otherwise
 Published = tuple[tuple[Symmetry, ...], tuple[FalseSuccess, ...]]
 
 
-def list_deciding(symmetries: Iterable[Symmetry], wrong: Iterable[FalseSuccess]) -> set[str]:
-    """Return the settings_ids of the runs by which broken symmetries and false successes are weighed."""
+def list_deciding_runs(symmetries: Iterable[Symmetry], wrong: Iterable[FalseSuccess]) -> set[str]:
+    """Return the settings_ids of the runs that decide whether broken symmetries and false successes mislead.
+
+    False successes by a law of states are left out: no error can excuse them.
+    """
     of_symmetries = {k for s in symmetries if s.verdict == "broken" for k in s.settings_ids}
     return of_symmetries | {w.settings_id for w in wrong if not breaks_state_law(w.because)}
 
@@ -31,16 +34,16 @@ def list_deciding(symmetries: Iterable[Symmetry], wrong: Iterable[FalseSuccess])
 def weigh_published(
     folder: Path, records: Iterable[RunRecord], symmetries: Sequence[Symmetry], wrong: Sequence[FalseSuccess]
 ) -> Published:
-    """Return the published symmetries and false successes, weighed by the records of the runs that decide.
+    """Return the published symmetries and false successes, weighed again by the records of the runs that decide.
 
-    ``folder`` has the series of ``records``. Raise FileError if one of these runs is missing or is not the published
-    one.
+    ``folder`` has the series of ``records``. Raise FileError if a run that decides (``list_deciding_runs``) is missing,
+    or has other numbers than the published ones.
     """
-    deciding = list_deciding(symmetries, wrong)
+    deciding = list_deciding_runs(symmetries, wrong)
     known = {r.settings_id: r for r in records if r.settings_id in deciding}
     if missing := sorted(deciding - known.keys()):
         raise FileError(f"{folder} lacks {len(missing)} of {len(deciding)} runs that decide, such as {missing[0]}")
-    read = functools.cache(functools.partial(read_end, folder))
+    read = functools.cache(functools.partial(read_last_poses, folder))
     rows = []
     for s in symmetries:
         if s.verdict != "broken":

@@ -14,9 +14,10 @@ NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]*(/[A-Za-z0-9_-][A-Za-z0-9._-]*)*
 
 
 def write_archive(path: Path, members: Iterable[tuple[str, bytes]]) -> int:
-    """Write ``members`` in their order, then the manifest, completely or not at all; return the number of files.
+    """Write the files ``members`` in their order, then the manifest, to the zip file ``path``; return their number.
 
-    bzip2 has one implementation; the bytes that deflate gives depend on the library behind it.
+    The file is written completely or not at all. Compression is bzip2, which has one implementation; the bytes that
+    deflate gives depend on the library behind it.
     """
     digests: dict[str, str] = {}
     with write_atomically(path) as partial, zipfile.ZipFile(partial, "x") as archive:

@@ -69,7 +69,7 @@ class _ExactStates:
         """Return all states in order of time, with the reference's stated error [m], as the bytes of an NPY matrix."""
         times = sorted(self.at)
         stated, *states = (np.array([self.at[t][name] for t in times]) for name in ("error", *STATE))
-        return _write_states(stated, np.array(times), *states)
+        return _encode_states(stated, np.array(times), *states)
 
 
 def list_contents(
@@ -77,14 +77,14 @@ def list_contents(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield name and content of each file of the bundle except the manifest, in order.
 
-    ``lossless`` bundles have every step of every run. ``again`` has the series of runs that were solved again, by
-    run_id.
+    ``lossless`` bundles have the states of every step of every run, others those that decide on its status. ``again``
+    has the series of runs that were solved again, by run_id; the others are read from ``folder``.
     """
     records, files = sorted(records, key=lambda r: r.run_id), dict[str, tuple[str, int]]()
     for name, content in _list_data(folder, records, again, lossless=lossless):
         files[name] = hashlib.sha256(content).hexdigest(), len(content)
         yield name, content
-    yield METADATA, _json(describe_crate(files, records, lossless=lossless))
+    yield METADATA, _encode_json(describe_crate(files, records, lossless=lossless))
 
 
 def _list_data(
@@ -96,10 +96,11 @@ def _list_data(
     """
     runs, exact_of = list[dict[str, Any]](), dict[str, _ExactStates]()
     codes = sorted({r.code for r in records})
-    yield "bundle.json", _json({"format": FORMAT, "version": VERSION, "lossless": lossless, "codes": codes})
+    yield "bundle.json", _encode_json({"format": FORMAT, "version": VERSION, "lossless": lossless, "codes": codes})
     yield from _list_texts(folder)
-    yield "records.json", _json([{c.name: encode_nonfinite(getattr(r, c.name)) for c in COLUMNS} for r in records])
-    yield "table.json", _json(make_table(records))
+    encoded = [{c.name: encode_nonfinite(getattr(r, c.name)) for c in COLUMNS} for r in records]
+    yield "records.json", _encode_json(encoded)
+    yield "table.json", _encode_json(make_table(records))
     for record in records:
         if not RUN_ID.fullmatch(record.run_id):
             raise FileError(f"{record.run_id!r} is no id of a run")
@@ -110,7 +111,7 @@ def _list_data(
             if series is not None and "state_t" in series:
                 _check_arrays(record, series)
                 problem = _describe_problem(record, series)
-                run["problem"] = name = hashlib.sha256(_json(problem)).hexdigest()[:16]
+                run["problem"] = name = hashlib.sha256(_encode_json(problem)).hexdigest()[:16]
                 chosen, exact_ones, run["between"] = select_states(series)
                 chosen = chosen | lossless
                 if lossless and len(chosen) <= record.steps and record.claimed == Status.SUCCESS:
@@ -128,21 +129,21 @@ def _list_data(
                     every = np.all(chosen) and len(chosen) == len(series["t"])
                     run["states"] = "every step" if every else "some steps"
                     states = (series[f"state_{key}"][chosen] for key in ("t", *STATE))
-                    yield f"runs/{record.run_id}.npy", _write_states(_select_energy_errors(series)[chosen], *states)
+                    yield f"runs/{record.run_id}.npy", _encode_states(_select_energy_errors(series)[chosen], *states)
                 if lossless:
-                    run["arrays"], content = _pack(_rows(series))
+                    run["arrays"], content = _pack_arrays(_select_rows(series))
                     yield f"series/{record.run_id}.npy", content
         runs.append(run)
-    yield "runs.json", _json(runs)
+    yield "runs.json", _encode_json(runs)
     for name, known in sorted(exact_of.items()):
         if known.at:
             yield f"references/{name}.npy", known.encode_matrix()
-        yield f"problems/{name}.json", _json(known.problem_numbers)
+        yield f"problems/{name}.json", _encode_json(known.problem_numbers)
 
 
 @contextlib.contextmanager
 def _name_damaged_run(record: RunRecord) -> Iterator[None]:
-    """Convert errors in the block that malformed arrays of a series cause to a FileError that names the run."""
+    """Convert errors in the block, such as malformed arrays of a series cause, to a FileError that names the run."""
     try:
         yield
     except FileError:
@@ -175,20 +176,20 @@ def _check_arrays(record: RunRecord, series: Series) -> None:
 
 
 def _select_energy_errors(series: Series) -> Array:
-    """Return the energy error [J] of each state, from the rows at the same times if states have none of their own."""
+    """Return the energy error [J] of each state: its own, or that of the row of the series at the same time."""
     if f"state_{ENERGY}" in series:
         return series[f"state_{ENERGY}"]
     return series[ENERGY][np.searchsorted(series["t"], series["state_t"])]
 
 
-def _rows(series: Series) -> dict[str, Array]:
-    """Return the arrays with one number for each time ``t``, and the reactions of the states."""
+def _select_rows(series: Series) -> dict[str, Array]:
+    """Return the arrays with one number for each time ``t``, and the reactions of the states if there are any."""
     rows = {name: a for name, a in series.arrays.items() if not name.startswith(DRAWN) and a.shape == series["t"].shape}
     return rows | {name: a for name, a in series.arrays.items() if name == "state_reaction"}
 
 
 def _describe_problem(record: RunRecord, series: Series) -> dict[str, Any]:
-    """Return every number of the problem of a run, from its series."""
+    """Return every number of the problem of a run, from its series, with its invariants and its reference in words."""
     plain = {"gravity": series["gravity"], **{k: a for k, a in series.arrays.items() if k.startswith("joint_")}}
     plain |= {k.removeprefix("system_"): a for k, a in series.arrays.items() if k.startswith("system_")}
     plain |= {k: a for k, a in series.arrays.items() if k.startswith("start_")}
@@ -219,7 +220,7 @@ def _add_forces(plain: Mapping[str, Array]) -> dict[str, Array]:
     """Return the numbers of a problem, with its springs, torsional springs and loads appended to its joints.
 
     A reader of the bundle then has one table of connections, in which ``FORCES`` names the columns that each kind
-    fills.
+    fills; others are 0. A load has the ground as its second body.
     """
     own = {name: a for name, a in plain.items() if not name.startswith(tuple(f"{force}_" for force in FORCES))}
     own |= {f"joint_{key}": np.zeros(len(own["joint_i"])) for key in ("k", "c")}
@@ -235,27 +236,27 @@ def _add_forces(plain: Mapping[str, Array]) -> dict[str, Array]:
     return own
 
 
-def _write_states(stated: Array, *states: Array) -> bytes:
-    """Return an NPY matrix with time along its columns, as bytes.
+def _encode_states(stated: Array, *states: Array) -> bytes:
+    """Return the bytes of an NPY matrix of states, with time along its columns.
 
     Its rows are the times, each number of each body, and ``stated``: the stated error or the energy error. ``states``
     are t, r, R, v, Omega.
     """
     t, r, *_ = states
     bodies = np.concatenate([a.reshape(*r.shape[:2], -1) for a in states[1:]], axis=2)
-    return _write_npy(np.concatenate([t[None], bodies.reshape(len(t), -1).T, stated[None]]))
+    return _encode_npy(np.concatenate([t[None], bodies.reshape(len(t), -1).T, stated[None]]))
 
 
-def _pack(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
+def _pack_arrays(arrays: Mapping[str, Array]) -> tuple[dict[str, Any], bytes]:
     """Return where each array begins in a vector of all, {name: [offset, shape]}, and that vector as NPY bytes."""
     index, offset = dict[str, Any](), 0
     for name, a in arrays.items():
         index[name] = [offset, list(a.shape)]
         offset += a.size
-    return index, _write_npy(np.concatenate([np.zeros(0), *(a.ravel() for a in arrays.values())]))
+    return index, _encode_npy(np.concatenate([np.zeros(0), *(a.ravel() for a in arrays.values())]))
 
 
-def _write_npy(a: Array) -> bytes:
+def _encode_npy(a: Array) -> bytes:
     """Return the bytes of an NPY file, which do not depend on the version of NumPy."""
     head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {a.shape}, }}"
     head += " " * (-(len(head) + 11) % 64) + "\n"
@@ -263,9 +264,9 @@ def _write_npy(a: Array) -> bytes:
 
 
 def _list_texts(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield name and content of the suite of a results folder, of suites that it includes, and of its environments.
+    """Yield name and content of the suites in a results folder and of its environments.
 
-    Entries of an environment that name this machine's folders are left out.
+    Entries of an environment that name this machine's folders (``LOCAL``) are left out.
     """
     here = ConfinedPath(folder)
     for name in filter(TEXT.fullmatch, here.names()):
@@ -276,6 +277,6 @@ def _list_texts(folder: Path) -> Iterator[tuple[str, bytes]]:
         yield name, text.encode()
 
 
-def _json(value: Any) -> bytes:
+def _encode_json(value: Any) -> bytes:
     """Return a value as compact JSON, the same bytes on every machine; raise ValueError for NaN."""
     return json.dumps(value, sort_keys=True, allow_nan=False, separators=(",", ":")).encode()

@@ -26,7 +26,10 @@ MEANING = {
 def describe_crate(
     files: Mapping[str, tuple[str, int]], records: Sequence[RunRecord], *, lossless: bool
 ) -> dict[str, Any]:
-    """Return the metadata of ``files``, each with its digest and its size in bytes."""
+    """Return the RO-Crate metadata of a bundle's ``files``: name, (SHA-256, size in bytes).
+
+    Title, commits and date are those of ``records``; the date is that of the last run.
+    """
     suites, ended = sorted({r.suite for r in records}), max((r.finished for r in records), default="")
     kept = "the states of every step" if lossless else "the states that decide on its status"
     root = {
@@ -54,7 +57,7 @@ def describe_crate(
         {
             "@id": name,
             "@type": "File",
-            "name": _meaning(name),
+            "name": _describe_file(name),
             "contentSize": str(size),
             "sha256": digest,
             "encodingFormat": TYPES[name[name.rindex(".") :]],
@@ -69,6 +72,6 @@ def describe_crate(
     }
 
 
-def _meaning(name: str) -> str:
-    """Return what a file of a bundle is, by its name or its folder."""
+def _describe_file(name: str) -> str:
+    """Return what a file of a bundle is, by its name or its folder; any other is a suite."""
     return next((words for start, words in MEANING.items() if name.startswith(start)), "a suite")

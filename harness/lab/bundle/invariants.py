@@ -22,7 +22,8 @@ STATES, SEED, SAME = 8, 1, 1e-12  # random states at which invariants are compar
 def describe_invariants(name: str, parameters: str) -> list[dict[str, Any]]:
     """Return name and unit of each invariant of a problem and, where it is recognised, its quantity and direction.
 
-    The list is empty if the problem cannot be made.
+    It is recognised if it equals a candidate in random states. The list is empty if the problem cannot be made from its
+    ``parameters``, a JSON text.
     """
     try:
         problem = make_problem(name, parse_settings(parameters))
@@ -31,17 +32,20 @@ def describe_invariants(name: str, parameters: str) -> list[dict[str, Any]]:
     if not problem.invariants:
         return []
     random, nb = np.random.default_rng(SEED), problem.system.nb
-    r, v, Omega, turn = random.standard_normal((4, STATES, nb, 3))
-    s = States(r, so3.exp(turn), v, Omega)
-    known, at_home = list(_quantities(problem, s)), problem.home(s)
+    r, v, Omega, rotation = random.standard_normal((4, STATES, nb, 3))
+    s = States(r, so3.exp(rotation), v, Omega)
+    known, at_home = list(_list_candidates(problem, s)), problem.home(s)
     return [
         {"name": i.name, "unit": i.unit, **next((about for about, a in known if _is_same(i.of(at_home), a)), {})}
         for i in problem.invariants
     ]
 
 
-def _quantities(problem: Problem, s: States) -> Iterator[tuple[dict[str, Any], Float[np.ndarray, " nt"]]]:
-    """Yield components that may be conserved: momenta and spins along home axes, rates of bodies along body axes."""
+def _list_candidates(problem: Problem, s: States) -> Iterator[tuple[dict[str, Any], Float[np.ndarray, " nt"]]]:
+    """Yield quantities that may be conserved, in words and at the states ``s``.
+
+    They are momenta and spins along the home axes, and angular rates of bodies along body axes.
+    """
     system = problem.system
     spins = np.einsum("tbij,bjk,tbk->tbi", s.R, system.inertia, s.Omega)
     for e in problem.frame.T:

@@ -17,17 +17,17 @@ ACCURATE = 1e-3  # relative to the length of the motion: error within which the 
 def make_table(records: Sequence[RunRecord]) -> list[dict[str, Any]]:
     """Return a row of the table for each problem, its parameters and solver, sorted by these."""
     return [
-        {"problem": key[0], "problem_parameters": key[1], "solver": key[2], **_count(list(runs))}
-        for key, runs in groupby(sorted(records, key=_key), _key)
+        {"problem": key[0], "problem_parameters": key[1], "solver": key[2], **_summarise_runs(list(runs))}
+        for key, runs in groupby(sorted(records, key=_make_key), _make_key)
     ]
 
 
-def _key(r: RunRecord) -> tuple[str, str, str]:
+def _make_key(r: RunRecord) -> tuple[str, str, str]:
     """Return problem, parameters and solver of a run: runs that share them share a row of the table."""
     return r.problem, r.problem_parameters, r.solver
 
 
-def _count(runs: Sequence[RunRecord]) -> dict[str, Any]:
+def _summarise_runs(runs: Sequence[RunRecord]) -> dict[str, Any]:
     """Return how many runs ended with each judged status, the least motion error [m], and the least CPU time [s].
 
     Errors are those of successes; times are those of successes within ``ACCURATE``. Where there is none, the number is

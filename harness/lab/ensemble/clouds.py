@@ -42,7 +42,7 @@ class Ensemble:
     observables: tuple[Observable, ...]  # functions of the state alone, energy included
 
     def draw_start(self, member: int) -> State:
-        """Draw the start of a member, by its number and the seed alone, whatever the size of the ensemble."""
+        """Draw the start of a member by its number and the seed alone: the size of the ensemble does not matter."""
         seed = int(np.random.SeedSequence((self.seed, member)).generate_state(1)[0])
         return perturb(self.problem.system, self.problem.initial, self.spread, seed)
 
@@ -63,7 +63,10 @@ class ConfiguredSolver:
 
 
 def configure_solver(problem: Problem, solver: str, given: Mapping[str, str]) -> ConfiguredSolver:
-    """Return a solver at its default options with those of the ``given`` step controls that apply to it."""
+    """Return a solver at its default options, with those step controls of ``given`` that apply to it.
+
+    ``given`` has ``dt``, ``rtol`` or ``max_step`` as text; the step control that the solver does not have is left out.
+    """
     entry = registry.find_entry("solver", solver, registry.solvers())
     others = {"dt": ("rtol", "max_step"), "rtol": ("dt",)}[entry.control]
     control = make_step_control(solver, entry.control, problem, {k: v for k, v in given.items() if k not in others})
@@ -72,9 +75,9 @@ def configure_solver(problem: Problem, solver: str, given: Mapping[str, str]) ->
 
 
 def configure_truth(problem: Problem, solver: str, rtol: float) -> ConfiguredSolver:
-    """Return the solver of the true motions, with code for the mechanism if it has any.
+    """Return the solver of the true motions at tolerance ``rtol``, with code for the mechanism if it has such code.
 
-    Thousands of members repay the time to make it.
+    Making it takes time, which thousands of members repay.
     """
     code = configure_solver(problem, solver, {"rtol": str(rtol)})
     if "code" not in registry.find_entry("solver", solver, registry.solvers()).parameters:
@@ -101,9 +104,10 @@ class Cloud:
 
 
 def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float]) -> Ensemble:
-    """Return an ensemble of starts around the problem's, without observables that depend on more than the state.
+    """Return an ensemble of starts around the problem's, whose motions end at the last of the times ``at`` [s].
 
-    Raise ValueError unless the times ``at`` [s] are positive and increase.
+    Observables that depend on more than the state are left out, and the energy is added. Raise ValueError unless the
+    times are positive and increase.
     """
     if not at or min(at) <= 0.0 or list(at) != sorted(set(at)):
         raise ValueError(f"times of scores must be > 0 and increase (got {', '.join(map('{:g}'.format, at))})")
@@ -111,6 +115,7 @@ def make_ensemble(problem: Problem, spread: float, seed: int, at: Sequence[float
     problem = dataclasses.replace(problem, t_end=at[-1], parameters=parameters)
     total = Observable("energy", "E", "J", partial(energy, problem.system))
     plain = Ensemble(problem, spread, seed, tuple(at), ())
+    # the second of two states, alone and after the first: an observable of the state alone is the same
     pair = problem.home(_stack_states([plain.draw_start(0), plain.draw_start(1)]))
     last = pair.at(slice(1, 2))
     own = {
@@ -133,12 +138,12 @@ def run_cloud(ensemble: Ensemble, code: ConfiguredSolver, members: Sequence[int]
                 if ended is None:
                     continue
                 del active[j]
-                left[j] = [k for k in left[j] if not _file(Path(place), k).exists()]
+                left[j] = [k for k in left[j] if not _name_file(Path(place), k).exists()]
                 if left[j]:
-                    _write(Path(place), left[j].pop(0), _make_empty_parts(ensemble), ended.words, 0.0)
+                    _write_member(Path(place), left[j].pop(0), _make_empty_parts(ensemble), ended.words, 0.0)
                 if left[j]:
                     active[j] = _start_process(ensemble, code, left[j], Path(place))
-        read = [np.load(_file(Path(place), k), allow_pickle=False) for k in members]
+        read = [np.load(_name_file(Path(place), k), allow_pickle=False) for k in members]
         lines = [f"member {k}: {f['failure']}" for k, f in zip(members, read, strict=True) if str(f["failure"])]
         values, C, drawn = (np.stack([f[name] for f in read]) for name in ("values", "C", "drawn"))
         return Cloud(code, values, C, drawn, tuple(lines), sum(float(f["cpu_s"]) for f in read))
@@ -148,11 +153,12 @@ def _start_process(e: Ensemble, code: ConfiguredSolver, members: Sequence[int], 
     """Start a process that runs ``members`` one after the other and writes a file for each into ``place``."""
 
     def target(send: Callable[[str], None]) -> None:
+        """Run the members, and write the file of each with its CPU time."""
         listen_to_numba()
         for k in members:
             began = solver_seconds()
             parts, failure = _run_member(e, code, k)
-            _write(place, k, parts, failure, solver_seconds() - began)
+            _write_member(place, k, parts, failure, solver_seconds() - began)
 
     return ForkedProcess(target, limit=1e8, memory=MEMORY, wall=math.inf)
 
@@ -161,7 +167,7 @@ Parts = tuple[np.ndarray, np.ndarray, np.ndarray]  # values, C, drawn
 
 
 def _run_member(e: Ensemble, code: ConfiguredSolver, member: int) -> tuple[Parts, str]:
-    """Solve a member; return its numbers, NaN at times it did not reach, and why it did not reach the end, or ""."""
+    """Solve a member; return its numbers, NaN at times it did not reach, and why it failed, or ""."""
     parts = _make_empty_parts(e)
     try:
         problem = dataclasses.replace(e.problem, initial=e.draw_start(member))
@@ -169,7 +175,7 @@ def _run_member(e: Ensemble, code: ConfiguredSolver, member: int) -> tuple[Parts
         trajectory = handover.trajectory
         if trajectory is None:
             return parts, handover.report.message
-        _sample(e, trajectory.states, parts)
+        _sample_motion(e, trajectory.states, parts)
         if trajectory.status is not Status.SUCCESS:
             return parts, f"{trajectory.status}: {trajectory.message}"
         return parts, "" if np.all(np.isfinite(parts[0])) else "claims success, but does not reach the end"
@@ -177,7 +183,7 @@ def _run_member(e: Ensemble, code: ConfiguredSolver, member: int) -> tuple[Parts
         return parts, f"{type(error).__name__}: {error}"
 
 
-def _sample(e: Ensemble, s: States, parts: Parts) -> None:
+def _sample_motion(e: Ensemble, s: States, parts: Parts) -> None:
     """Fill the arrays ``parts`` of a member with its motion ``s``, at the times that it reached."""
     values, C, drawn = parts
     reached = s.times[-1] * (1.0 + 1e-9)
@@ -199,16 +205,16 @@ def _make_empty_parts(e: Ensemble) -> Parts:
     return tuple(np.full(shape, np.nan) for shape in shapes)  # type: ignore[return-value]
 
 
-def _write(place: Path, member: int, parts: Parts, failure: str, cpu_s: float) -> None:
+def _write_member(place: Path, member: int, parts: Parts, failure: str, cpu_s: float) -> None:
     """Write the file of a member, completely or not at all: its numbers, its failure, its CPU time [s]."""
     values, C, drawn = parts
     whole = place / f"{member}.part.npz"
     np.savez(whole, values=values, C=C, drawn=drawn, failure=np.array(failure), cpu_s=np.array(cpu_s))
-    whole.rename(_file(place, member))
+    whole.rename(_name_file(place, member))
 
 
-def _file(place: Path, member: int) -> Path:
-    """Return the file of a member."""
+def _name_file(place: Path, member: int) -> Path:
+    """Return the path of the file of a member in the folder ``place``."""
     return place / f"{member}.npz"
 
 

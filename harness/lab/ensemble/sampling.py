@@ -12,7 +12,10 @@ NODES = 4  # steps with values and rates: polynomial of degree 7
 
 
 def interpolate_state(s: States, t: float) -> State:
-    """Return the state at ``t`` [s]; raise ValueError beyond the last step."""
+    """Return the state at ``t`` [s]: that of a step at the same time, else interpolated over ``NODES`` steps.
+
+    Rotations are interpolated as rotation vectors from the nearest step. Raise ValueError beyond the last step.
+    """
     times, near = s.times, SAME * max(1.0, t)
     k = int(np.argmin(np.abs(times - t)))
     if abs(times[k] - t) <= near:

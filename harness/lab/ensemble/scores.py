@@ -46,16 +46,17 @@ def compute_score(
     weights all members and draws count alike.
     """
     w = np.ones((1, len(x))) if w is None else w
-    return _mean_distance(x, y, w, np.ones((1, len(y))) if u is None else u) - _compute_half_distance(x, w)
+    return _compute_mean_distance(x, y, w, np.ones((1, len(y))) if u is None else u) - _compute_half_distance(x, w)
 
 
 def score_against_truth(x: Points, y: Points, seed: int) -> Score:
-    """Score members ``x`` against draws ``y`` of the truth, with a permutation test.
+    """Return the score of members ``x`` against draws ``y`` of the truth, with a permutation test.
 
-    Its ``DEALS`` permutations, drawn with ``seed``, exchange members and draws; for a perfect solver all of them score
-    alike on average.
+    ``DEALS`` permutations, drawn with ``seed``, exchange members and draws; for a perfect solver all of them have the
+    same score on average.
     """
     both, n = np.concatenate((x, y)), len(x)
+    # weights of members, a row for each deal: the first is as computed; draws have the others
     deals = np.zeros((1 + DEALS, len(both)))
     deals[0, :n] = 1.0
     random = np.random.default_rng(seed)
@@ -67,17 +68,18 @@ def score_against_truth(x: Points, y: Points, seed: int) -> Score:
     return Score(float(compute_score(x, y)[0]), float(excess[0]), float(np.quantile(excess[1:], 0.95)), p)
 
 
-def rank_histogram(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"]) -> Ranks:
-    """Count the ranks of draws ``y`` among members ``x``; a draw that equals members is spread over its possible ranks.
+def count_ranks(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"]) -> Ranks:
+    """Count the ranks of draws ``y`` among members ``x``, and test by chi-squared that they are uniform.
 
-    Both are samples, so counts vary more than multinomial ones: by (n + m + 1) / (n + 2), their Dirichlet law.
+    A draw that equals members is spread over its possible ranks. Both are samples, so counts vary more than multinomial
+    ones: by (n + m + 1) / (n + 2), their Dirichlet law.
     """
     n, m, x = len(x), len(y), np.sort(x)
     low, high = np.searchsorted(x, y, "left"), np.searchsorted(x, y, "right")
-    share = 1.0 / (high - low + 1)
-    slots = np.zeros(n + 2)
-    np.add.at(slots, low, share)
-    np.add.at(slots, high + 1, -share)
+    fraction = 1.0 / (high - low + 1)
+    slots = np.zeros(n + 2)  # changes of the count from rank to rank
+    np.add.at(slots, low, fraction)
+    np.add.at(slots, high + 1, -fraction)
     bins = max(2, min(MOST_BINS, m // LEAST_IN_A_BIN))
     of_slot = np.arange(n + 1) * bins // (n + 1)
     counts = np.bincount(of_slot, np.cumsum(slots)[:-1], bins)
@@ -86,7 +88,7 @@ def rank_histogram(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " m"]) -> Ra
     return Ranks(counts, statistic / (bins - 1), float(chi2.sf(statistic, bins - 1)))
 
 
-def _mean_distance(x: Points, y: Points, w: Weights, u: Weights) -> np.ndarray:
+def _compute_mean_distance(x: Points, y: Points, w: Weights, u: Weights) -> np.ndarray:
     """Return E|x - y| for each row of the weights ``w`` of x and ``u`` of y.
 
     For numbers it takes O(n log n) operations once and then O(n) a row.
@@ -94,6 +96,7 @@ def _mean_distance(x: Points, y: Points, w: Weights, u: Weights) -> np.ndarray:
     if x.ndim > 1:
         total = np.sum((w @ cdist(x, y)) * u, axis=1)
     else:
+        # sum_i w_i |x_i - y| from the sums of w_i and w_i x_i over the x_i below y
         order, middle = np.argsort(x, kind="stable"), np.mean(y)
         w, x, y = w[:, order], x[order] - middle, y - middle
         below, sums = (np.pad(np.cumsum(a, axis=1), ((0, 0), (1, 0))) for a in (w, w * x))

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...judge.distance import find_differing
+from ...judge.distance import find_significant_tests
 from .clouds import Cloud, Ensemble
-from .scores import Ranks, rank_histogram, score_against_truth
+from .scores import Ranks, count_ranks, score_against_truth
 
 FEWEST = 10  # members that a comparison requires
 ALL_C = "all C"
@@ -38,7 +38,7 @@ class CloudComparison:
 
 
 def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list[CloudComparison]:
-    """Compare a solver's ``cloud`` with two clouds of the truth: a row for each quantity at each time of ``e``.
+    """Return comparisons of a solver's ``cloud`` with two clouds of the truth: for each quantity at each time of ``e``.
 
     ``same`` are the true motions from the starts of ``cloud``, member by member, for errors; ``other`` are true motions
     from other starts, any number of them, by which it is scored. Quantities: the centres of mass of all bodies [m, rms
@@ -49,14 +49,14 @@ def compare_clouds(e: Ensemble, cloud: Cloud, same: Cloud, other: Cloud) -> list
     for k, t in enumerate(e.at):
         size = np.sqrt(e.problem.system.nb)
         points = [c.C[:, k].reshape(len(c.C), -1) / size for c in (cloud, same, other)]
-        out.append(_compare(e, cloud, (ALL_C, "m", t), *points))
+        out.append(_compare_quantity(e, cloud, (ALL_C, "m", t), *points))
         for i, o in enumerate(e.observables):
             numbers = [c.values[:, i, k] for c in (cloud, same, other)]
-            out.append(_compare(e, cloud, (o.name, o.unit, t), *numbers))
+            out.append(_compare_quantity(e, cloud, (o.name, o.unit, t), *numbers))
     return out
 
 
-def judge(found: list[CloudComparison]) -> str:
+def judge_comparisons(found: list[CloudComparison]) -> str:
     """Return the verdict on all comparisons of a solver together.
 
     It is ``NO_DIFFERENCE``, or names the quantities that differ, or says that members are missing or too few.
@@ -66,12 +66,12 @@ def judge(found: list[CloudComparison]) -> str:
     tests = [(p, f"{c.quantity} at {c.t_s:g} s") for p, c in known]
     if not tests:
         return "too few members"
-    if off := find_differing(tests):
+    if off := find_significant_tests(tests):
         return f"differs from the truth: {', '.join(off)}"
     return f"incomplete: {missing} missing" if missing else NO_DIFFERENCE
 
 
-def _compare(
+def _compare_quantity(
     e: Ensemble, cloud: Cloud, about: tuple[str, str, float], x: np.ndarray, same: np.ndarray, other: np.ndarray
 ) -> CloudComparison:
     """Return one row of ``compare_clouds``: ``about`` is its quantity, unit and time [s].
@@ -91,10 +91,10 @@ def _compare(
     spread, of_truth = _rms(own) * np.sqrt(n / (n - 1.0)), _rms(true) * np.sqrt(m / (m - 1.0))
     shift = np.mean(x, axis=0) - np.mean(y, axis=0)
     bias = float(np.linalg.norm(shift)) if x.ndim > 1 else float(shift)
-    wanted = spread * np.sqrt(1.0 + 1.0 / n)
-    of_mean = _rms(y - np.mean(x, axis=0)) / wanted if wanted > 0.0 else np.nan
+    predicted = spread * np.sqrt(1.0 + 1.0 / n)
+    of_mean = _rms(y - np.mean(x, axis=0)) / predicted if predicted > 0.0 else np.nan
     bias_error = float(np.hypot(spread / np.sqrt(n), of_truth / np.sqrt(m)))
-    ranks = rank_histogram(x, y) if x.ndim == 1 else None
+    ranks = count_ranks(x, y) if x.ndim == 1 else None
     return CloudComparison(*head, *found, float(spread), float(of_mean), bias, bias_error, ranks)
 
 

@@ -23,9 +23,9 @@ Pair = tuple[int, str]  # number of the mechanism, solver
 
 
 def draw_form(seed: int, number: int, m: RandomMechanism) -> Form:
-    """Draw the form in which mechanism ``number`` of a campaign is presented, the same one every time.
+    """Draw the form in which mechanism ``m``, number ``number`` of a campaign, is presented: the same one every time.
 
-    Mostly it has one change, sometimes several.
+    Three times in four it has one change of ``PARTS``, else each of them with probability 1/2, and one at least.
     """
     random = np.random.default_rng((seed, number, 2**31))
     possible = [p for p in PARTS if p != "duplicate" or m.connections]
@@ -61,14 +61,15 @@ class CampaignSettings:
 
 
 def choose_settings(seed: int, floor: float, options: dict[str, str], form: dict[str, str] | None) -> CampaignSettings:
-    """Return the settings of a campaign; ``form`` is given by its words, such as ``split=2``, or drawn."""
+    """Return the settings of a campaign; its ``form`` is given by words, such as {"split": "2"}, or None to draw it."""
     return CampaignSettings(seed, floor, options, Form.parse(form) if form else None)
 
 
 def run_campaign(settings: CampaignSettings, pairs: Sequence[Pair], jobs: int) -> Iterator[OracleOutcome]:
     """Run the solver of each pair on its mechanism, in up to ``jobs`` processes; yield each outcome when it is known.
 
-    A pair during which its process ends has the outcome crashed or failed; the next pairs run in another process.
+    A pair during which its process ends has the outcome crashed, or failed at a limit; the next pairs run in another
+    process. Kernels are compiled before.
     """
     _compile_kernels(settings.seed, {solver for _, solver in pairs})
     waiting = [list(pairs[k : k + CHUNK]) for k in range(0, len(pairs), CHUNK)][::-1]

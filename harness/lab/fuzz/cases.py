@@ -49,7 +49,7 @@ class Case:
 
     @property
     def drawings(self) -> dict[str, Form]:
-        """Names of the files with the mechanism as drawn and, if it is another, in its form; with those forms."""
+        """The forms in which the mechanism is written, by file name: as drawn and, if that is another, its own."""
         changed = {f"{self.name}-form.xml": self.form} if self.form != Form() else {}
         return {f"{self.name}.xml": Form(), **changed}
 
@@ -60,7 +60,10 @@ class Case:
 
 
 def write_cases(folder: Path, cases: Sequence[Case]) -> None:
-    """Write each case as JSON, and its mechanism as MJCF where that is possible; a cause in an old file is kept."""
+    """Write each case as JSON to ``folder``, and its mechanism as MJCF where its joints allow that.
+
+    The cause that an existing file of the case names is kept.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for case in cases:
         path = folder / f"{case.name}.json"
@@ -89,14 +92,16 @@ def format_page(folder: Path) -> str:
         "if two other routes agree on the true motion and the code is off it. Those shown are shrunk, and are "
         "answers of when they were found. `mbsbench fuzz SOLVERS --out FOLDER` continues the trials of a folder."
     )
-    lines = ["# Findings of `mbsbench fuzz`", "", _fill(intro), "", *_table(summary["counts"])]
+    lines = ["# Findings of `mbsbench fuzz`", "", _fill(intro), "", *_format_table(summary["counts"])]
     cases = [read_case(p) for p in folder.glob("*.json") if p.name != SUMMARY]
     for case in sorted(cases, key=lambda c: (c.outcome.solver, c.outcome.number)):
         files = [f"`{name}` ({form})" for name, form in case.drawings.items() if (folder / name).exists()]
         file = f"MJCF, from keyframe `start`: {', '.join(files)}." if files else "Its joints have no MJCF."
         again = f"Repeat: `mbsbench fuzz {case.outcome.solver} --repeat {case.name}.json`. {file}"
         lines += ["", f"## {case.name}: {case.outcome.kind}", "", _describe_parts(case.mechanism)]
-        for text in filter(None, (_numbers(case), _describe_ends(case), case.evidence or NONE, case.cause, again)):
+        for text in filter(
+            None, (_describe_numbers(case), _describe_ends(case), case.evidence or NONE, case.cause, again)
+        ):
             lines += ["", _fill(text)]
     return "\n".join(lines) + "\n"
 
@@ -106,7 +111,7 @@ def _fill(text: str) -> str:
     return fill(text, WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
-def _numbers(case: Case) -> str:
+def _describe_numbers(case: Case) -> str:
     """Return a sentence with the form, the steps and the deviations of a case."""
     o, m = case.outcome, case.mechanism
     where = f"Form: `{case.form}`, {m.steps} steps of {m.dt:g} s."
@@ -152,7 +157,7 @@ def format_mjcf(problem: Problem) -> str:
     return write_mjcf(tree, problem.dt, lambda body: f"body {body + 1}", integrator="RK4")
 
 
-def _table(counts: Mapping[str, Mapping[str, int]]) -> list[str]:
+def _format_table(counts: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return the counts by solver as the lines of a Markdown table, without columns of zeros."""
     names = [name for name, number in counts["all"].items() if number]
     rows = [f"| {solver} | {' | '.join(str(of.get(n, 0)) for n in names)} |" for solver, of in counts.items()]

@@ -72,24 +72,24 @@ def append_trial(folder: Path, trial: Trial) -> None:
         file.write(msgspec.json.encode(trial) + b"\n")
 
 
-def list_left(folder: Path, settings: CampaignSettings, pairs: Sequence[Pair]) -> list[Pair]:
-    """Return the pairs that have no trial with these settings and the present code in ``folder``."""
+def list_untried_pairs(folder: Path, settings: CampaignSettings, pairs: Sequence[Pair]) -> list[Pair]:
+    """Return those of ``pairs`` that have no trial with these settings and the present code in ``folder``."""
     done = {trial.key for trial in read_trials(folder) if trial.code == digest_solver(trial.outcome.solver)}
     sound = ((pair, OracleOutcome(pair[1], Behaviour.SOUND, number=pair[0])) for pair in pairs)
     return [pair for pair, outcome in sound if Trial(settings, "", outcome).key not in done]
 
 
 def run_trials(
-    folder: Path, settings: CampaignSettings, pairs: Sequence[Pair], jobs: int, tell: Callable[[str], None]
+    folder: Path, settings: CampaignSettings, pairs: Sequence[Pair], jobs: int, report_line: Callable[[str], None]
 ) -> None:
     """Run the pairs, add each trial to the log in ``folder``, and judge deviations by other routes.
 
-    ``tell`` is called with a line on each outcome that a reader should see at once.
+    ``report_line`` is called with a line on each outcome that a reader should see at once (``SHOWN``).
     """
     for outcome in run_campaign(settings, pairs, jobs):
         append_trial(folder, Trial(settings, digest_solver(outcome.solver), outcome))
         if outcome.kind in SHOWN:
-            tell(describe_outcome(outcome))
+            report_line(describe_outcome(outcome))
     for trial in read_trials(folder):
         if trial.is_deviation and trial.verdict is None:
             append_trial(folder, ask_second_route(trial))
@@ -98,7 +98,7 @@ def run_trials(
 def ask_second_route(trial: Trial) -> Trial:
     """Judge the deviation of a trial by other routes in a separate process; return the trial with its verdict.
 
-    The verdict is undecidable if the process ends without one.
+    The verdict is undecidable if the process ends without one, after ``CPU`` [s] at most.
     """
 
     def decide() -> str:
@@ -113,7 +113,10 @@ def ask_second_route(trial: Trial) -> Trial:
 
 
 def count_trials(trials: Iterable[Trial]) -> dict[str, dict[str, int]]:
-    """Count trials, by behaviour, deviations, and these by verdict, for each solver; ``all`` has the sums."""
+    """Return counts of trials for each solver, and their sums for ``all``.
+
+    Trials are counted by behaviour and, if they are deviations, by verdict.
+    """
     counts: dict[str, dict[str, int]] = {}
     for trial in trials:
         names = ["trials", str(trial.outcome.kind)]

@@ -75,16 +75,15 @@ class RandomMechanism:
     steps: int = 100
 
     def problem(self) -> Problem:
-        """Assemble the mechanism as a problem, with velocities that satisfy the joints.
+        """Return the mechanism as a problem, with velocities projected onto the joints.
 
-        Raise ValueError or InconsistentStart where no start satisfies the joints, or no motion has its
-        velocities.
+        Raise ValueError or InconsistentStart where no start satisfies the joints, or no motion has its velocities.
         """
         r = np.array([b.place for b in self.bodies] + [ZERO])
         R = so3.exp(np.array([b.turn for b in self.bodies] + [ZERO]))
         system = assemble(
             [RigidBody(b.mass, np.array(b.inertia)) for b in self.bodies],
-            [_joint(c, k, r, R) for k, c in enumerate(self.connections)],
+            [_make_joint(c, k, r, R) for k, c in enumerate(self.connections)],
             np.array(self.gravity),
             [
                 SpringDamper(
@@ -115,7 +114,7 @@ class RandomMechanism:
     def choose_step(self) -> "RandomMechanism":
         """Return the mechanism with a step, at most ``LONGEST``, in which no angle or phase exceeds ``TURN``.
 
-        It is estimated from rates, accelerations and springs at the start.
+        The step, rounded to two digits, is estimated from rates, accelerations and springs at the start.
         """
         p = self.problem()
         rates = accelerations(p.system, p.initial)
@@ -132,7 +131,7 @@ class RandomMechanism:
 
 
 def _check_velocities(system: MultibodySystem, start: State) -> None:
-    """Raise InconsistentStart unless A v_dot = -A_dot v has a solution.
+    """Raise InconsistentStart unless A v_dot = -A_dot v has a solution v_dot at the start.
 
     Where two motions cross, as in a flat parallelogram, A loses rank, and A v = 0 also holds for sums of their
     velocities, with which nothing can move: any result of a code is then arbitrary.
@@ -146,7 +145,7 @@ def _check_velocities(system: MultibodySystem, start: State) -> None:
         raise InconsistentStart(f"no motion has the velocities of the start: A v_dot + A_dot v stays at {left:.2g}")
 
 
-def _joint(c: RandomJoint, k: int, r: Float[np.ndarray, "places 3"], R: Float[np.ndarray, "places 3 3"]) -> Joint:
+def _make_joint(c: RandomJoint, k: int, r: Float[np.ndarray, "places 3"], R: Float[np.ndarray, "places 3 3"]) -> Joint:
     """Return joint ``k`` with its arms and axes in the frames of its bodies, whose poses are ``r`` [m] and ``R``."""
     x = np.array(c.point)
     far = np.array(c.far) if c.kind == JointKind.DISTANCE else x

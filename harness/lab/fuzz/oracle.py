@@ -16,7 +16,7 @@ import numpy as np
 from ...base.shapes import LARGEST
 from ...catalogue import registry
 from ...judge.distance import measure_distance
-from ...judge.invariance import AMPLIFIED, allow_error, do_routes_agree, is_beyond, is_confirmed
+from ...judge.invariance import AMPLIFIED, bound_difference, do_routes_agree, exceeds_bound, is_fault_confirmed
 from ...mechanics.dynamics import accelerations
 from ...mechanics.state import State
 from ...mechanics.types import Problem, Solver, Status, StepControl
@@ -107,7 +107,7 @@ class Oracle:
 
     @cached_property
     def true_motion(self) -> tuple[State | None, float]:
-        """The last state of the true motion, and how far its computations differ [m]; None, infinity if one fails."""
+        """The last state of the true motion, and how far its computations differ [m]; None, inf if one fails."""
         solver = registry.make_solver(TRUTH)
         forms = ((Form(), TRUE), (Form(), NEARLY), (self.form, TRUE))
         found = [self._find_end(solver, form, StepControl(rtol=rtol, cpu_limit=CPU)) for form, rtol in forms]
@@ -124,12 +124,13 @@ class Oracle:
         """Solve the mechanism in both forms by the solver ``name``, and return how it behaves.
 
         Each form is solved twice: with the mechanism's step and half of it, or with two tolerances. A solver that
-        refuses a weld as rows gets pins in its place. Sound is who agrees between the forms, and with the true motion,
-        to ten times the difference that the finer solution makes. The solver has its default options unless given.
+        refuses a weld as rows gets pins in its place. It is sound if its answers agree between the forms, and with the
+        true motion, to ten times the difference that the finer solution makes. ``solver`` has the solver with its
+        options; by default these are the default ones.
         """
         control = registry.find_entry("solver", name, registry.solvers()).control if solver is None else solver.control
         solver = registry.make_solver(name) if solver is None else solver
-        steps = _steps(control, self.mechanism.dt)
+        steps = _make_controls(control, self.mechanism.dt)
         refused = self._find_refusal(solver, Form(), steps[0])
         if refused:
             return OracleOutcome(name, Behaviour.REFUSED, words=refused)
@@ -153,32 +154,32 @@ class Oracle:
         if true is None or spread > self.floor * self.mechanism.size:
             return replace(found, kind=Behaviour.UNDECIDED)
         floor = self.floor * self.mechanism.size + AMPLIFIED * spread
-        found = replace(found, limit=allow_error(sum(halves), floor))
-        if is_beyond(min(between), found.limit):
+        found = replace(found, limit=bound_difference(sum(halves), floor))
+        if exceeds_bound(min(between), found.limit):
             return replace(found, kind=Behaviour.PRESENTATION)
         for pair, half, which in zip(ends, halves, (Form(), form), strict=True):
             off = self.measure_distance(pair[0], true), self.measure_distance(pair[1], true)
-            bound = allow_error(half, floor)
-            if is_beyond(min(off), bound):
+            bound = bound_difference(half, floor)
+            if exceeds_bound(min(off), bound):
                 return replace(found, kind=Behaviour.TRUTH, deviation=off, own=half, limit=bound, form=which)
         return found
 
     def collect_answers(self, solver: Solver) -> tuple[dict[str, Places], tuple[str, ...]]:
         """Solve again; return the positions of C at the end of the motion [m], by form, and the notes of the run.
 
-        They are those of ``solver`` with the fine step, in each form in which it succeeds, and of the true
-        motion (``exact``).
+        They are those of ``solver`` with the fine step, in each form in which it succeeds, and of the true motion
+        (``exact``), if it is known.
         """
-        fine, out = _steps(solver.control, self.mechanism.dt)[1], dict[str, Places]()
+        fine, out = _make_controls(solver.control, self.mechanism.dt)[1], dict[str, Places]()
         notes: tuple[str, ...] = ()
         if self.true_motion[0] is not None:
-            out["exact"] = _places(self.true_motion[0])
+            out["exact"] = _list_positions(self.true_motion[0])
         for form in dict.fromkeys((Form(), self.form)):
             with np.errstate(all="ignore"), suppress(Exception):  # a foreign code may raise anything: no answer
                 found = form.solve(solver, self.problem, fine)
                 notes = notes or found.notes
                 if found.status is Status.SUCCESS:
-                    out[str(form)] = _places(found.states[-1])
+                    out[str(form)] = _list_positions(found.states[-1])
         return out, notes
 
     def decide(self, name: str, solver: Solver | None = None) -> tuple[OracleVerdict, str]:
@@ -190,20 +191,20 @@ class Oracle:
         solver = registry.make_solver(name) if solver is None else solver
         found = self.examine(name, solver)
         if found.kind not in FINDINGS:  # a run that fails or is refused now says nothing about the deviation
-            again = OracleVerdict.DISMISSED if found.kind is Behaviour.SOUND else OracleVerdict.UNDECIDABLE
-            return again, f"the deviation does not come back: {found.kind}"
-        reference = _reference(self.problem)
+            verdict = OracleVerdict.DISMISSED if found.kind is Behaviour.SOUND else OracleVerdict.UNDECIDABLE
+            return verdict, f"the deviation does not come back: {found.kind}"
+        reference = _compute_end(self.problem)
         if reference is None:
             return OracleVerdict.UNDECIDABLE, "the second route states no error for the end of the motion"
-        end, sure, routes = reference
+        end, error, routes = reference
         true = self.true_motion[0]
         assert true is not None
         other = self._find_end(registry.make_solver(SECOND), Form(), StepControl(rtol=1e-10, cpu_limit=CPU))
         second = np.inf if isinstance(other, str) else self.measure_distance(other, end)
         # the second smallest, since the tested code may be one of them
-        if not do_routes_agree(sorted((sure, second, self.measure_distance(true, end)))[1], found.limit):
+        if not do_routes_agree(sorted((error, second, self.measure_distance(true, end)))[1], found.limit):
             return OracleVerdict.UNDECIDABLE, "the other routes differ by more than a tenth of the limit"
-        fine, off = _steps(solver.control, self.mechanism.dt)[1], {}
+        fine, off = _make_controls(solver.control, self.mechanism.dt)[1], {}
         for form in dict.fromkeys((Form(), found.form)):
             mine = self._find_end(solver, form, fine)
             off[str(form)] = np.inf if isinstance(mine, str) else self.measure_distance(mine, end)
@@ -215,7 +216,7 @@ class Oracle:
         evidence = f"Distance from the reference ({routes}): {words}."
         if max(off.values()) == np.inf:
             return OracleVerdict.UNDECIDABLE, "the code does not reach the end again"
-        confirmed = is_confirmed(max(off.values()), found.limit)
+        confirmed = is_fault_confirmed(max(off.values()), found.limit)
         return (OracleVerdict.CONFIRMED if confirmed else OracleVerdict.DISMISSED), evidence
 
     def _find_refusal(self, solver: Solver, form: Form, step: StepControl) -> str | None:
@@ -227,7 +228,7 @@ class Oracle:
             return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
     def _find_end(self, solver: Solver, form: Form, step: StepControl) -> State | str:
-        """Solve; return the last state of the bodies as drawn, or the reason why the end is not reached."""
+        """Solve in a form; return the last state of the bodies as drawn, or the reason why the end is not reached."""
         try:
             with np.errstate(all="ignore"):
                 found = form.solve(solver, self.problem, step)
@@ -240,7 +241,7 @@ class Oracle:
         return f"{found.status}: {found.message}"
 
 
-def _reference(problem: Problem) -> tuple[State, float, str] | None:
+def _compute_end(problem: Problem) -> tuple[State, float, str] | None:
     """Return the end of the motion by a route independent of the solvers, its error [m], and the route in words.
 
     Return None if there is no such route, or it does not reach the end.
@@ -253,11 +254,11 @@ def _reference(problem: Problem) -> tuple[State, float, str] | None:
     if found is None or found.horizon < problem.t_end:
         return None
     t, routes = np.array([problem.t_end]), "Newton-Euler in quaternions and Lagrange in natural coordinates"
-    sure = float(found.error(t)[0])
-    return found.states(t)[0], sure, f"{routes}, which agree to {sure:.1g} m"
+    error = float(found.error(t)[0])
+    return found.states(t)[0], error, f"{routes}, which agree to {error:.1g} m"
 
 
-def _places(end: State) -> Places:
+def _list_positions(end: State) -> Places:
     """Return the positions of C of all bodies [m] as tuples."""
     return tuple(tuple(map(float, r)) for r in end.r)
 
@@ -267,10 +268,10 @@ def _finite(length: float) -> float:
     return float(np.nan_to_num(length, nan=LARGEST))
 
 
-def _steps(control: str, dt: float) -> list[StepControl]:
+def _make_controls(control: str, dt: float) -> list[StepControl]:
     """Return the coarse and the fine step control of a solver whose ``control`` is ``dt`` or ``rtol``.
 
-    ``dt`` is the coarse step [s].
+    ``dt`` [s] is the coarse step; tolerances are ``RTOL`` and one ``FINER`` times as small.
     """
     if control == "dt":
         return [StepControl(dt=step, cpu_limit=CPU) for step in (dt, 0.5 * dt)]

@@ -23,7 +23,7 @@ from ...mechanics.types import Problem, Solver, StepControl, Trajectory
 from ...run.presenting import PresentedSolver, present_problem
 
 Weld = Literal["fixed", "pinned"]
-SHARE = 0.4  # fraction of the mass in the first part
+FRACTION = 0.4  # fraction of the mass in the first part
 TAKEN = 0.5  # fraction of the largest second moment that the distance of the parts replaces
 ALIKE = 1e-6  # relative second moment below which a body has no extent: its parts share one centre
 
@@ -39,7 +39,10 @@ class Form:
 
     @staticmethod
     def parse(words: Mapping[str, str]) -> "Form":
-        """Parse a form from its changes by name, as ``str(form)`` writes them; raise ValueError for an invalid one."""
+        """Return the form with the changes ``words`` by name, such as {"split": "2"}, as ``str(form)`` writes them.
+
+        Raise ValueError if they are invalid.
+        """
         defaults, given = vars(Presentation()), dict(words)
         try:
             split = int(given.pop("split", "0"))
@@ -53,9 +56,9 @@ class Form:
             raise ValueError(f"a form has no {error.args[0]!r} (it has {known})") from None
 
     def problem(self, problem: Problem) -> Problem:
-        """Return ``problem`` with its body split and all rotated; the rest of the form is stored as its presentation.
+        """Return ``problem`` with its body split and all rotated; the rest of the form becomes its presentation.
 
-        ``present_problem`` applies that too. Reference, observables and invariants are dropped.
+        That is applied when it is solved (``present_problem``). Reference, observables and invariants are dropped.
         """
         bare = replace(problem, reference_from=None, observables=(), invariants=(), presentation=Presentation())
         if self.split:
@@ -110,27 +113,30 @@ class _SplitBody:
     body: int
 
     @property
-    def way(self) -> Float[np.ndarray, " 3"]:
-        """Vector from the C of the second part to that of the first, in the frame of the body."""
+    def separation(self) -> Float[np.ndarray, " 3"]:
+        """Vector from the C of the second part to that of the first [m], in the frame of the body."""
         mass, J = self.whole.mass[self.body], self.whole.inertia[self.body]
         moments, axes = np.linalg.eigh(0.5 * np.trace(J) * np.eye(3) - J)
         largest = moments[2] if moments[2] > ALIKE * np.trace(J) else 0.0
-        out: np.ndarray = np.sqrt(TAKEN * largest / (SHARE * (1.0 - SHARE) * mass)) * axes[:, 2]
+        out: np.ndarray = np.sqrt(TAKEN * largest / (FRACTION * (1.0 - FRACTION) * mass)) * axes[:, 2]
         return out
 
     @property
     def offsets(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-        """Vectors from the C of the body to those of the parts, in the frame of the body."""
-        return (1.0 - SHARE) * self.way, -SHARE * self.way
+        """Vectors from the C of the body to those of the two parts [m], in the frame of the body."""
+        return (1.0 - FRACTION) * self.separation, -FRACTION * self.separation
 
     def split_system(self, weld: Weld) -> MultibodySystem:
-        """Return the system with the body split; the weld of the parts is the last joint (two, if it is pinned)."""
-        s, b, d = self.whole, self.body, self.way
+        """Return the system with the body split; the weld of the parts is the last joint (two, if it is pinned).
+
+        The second part is the last body. Raise ValueError for systems with loads or user forces.
+        """
+        s, b, d = self.whole, self.body, self.separation
         if len(s.user_i) or len(s.load_i):
             raise ValueError("split takes no system with loads or user forces")
-        left = s.inertia[b] - SHARE * (1.0 - SHARE) * s.mass[b] * (d @ d * np.eye(3) - np.outer(d, d))
-        parts = [RigidBody(share * s.mass[b], share * left) for share in (SHARE, 1.0 - SHARE)]
-        welded = assemble(parts, self._weld(weld))
+        left = s.inertia[b] - FRACTION * (1.0 - FRACTION) * s.mass[b] * (d @ d * np.eye(3) - np.outer(d, d))
+        parts = [RigidBody(share * s.mass[b], share * left) for share in (FRACTION, 1.0 - FRACTION)]
+        welded = assemble(parts, self._make_weld(weld))
         changes: dict[str, Any] = {
             "mass": np.append(s.mass, parts[1].mass),
             "inertia": np.concatenate((s.inertia, parts[1].inertia[None])),
@@ -140,7 +146,7 @@ class _SplitBody:
             ends = {e: np.array(getattr(s, f"{of}_{e}")) for e in "ij"}
             arms = {e: np.array(getattr(s, f"{arm}_{e}")) for e in "ij"}
             own = [(k, e) for k in range(len(ends["i"])) for e in "ij" if ends[e][k] == b]
-            for n, (k, e) in enumerate(own, 1):
+            for n, (k, e) in enumerate(own, 1):  # ends go alternately to the second and the first part
                 arms[e][k] -= self.offsets[n % 2]
                 ends[e][k] = (b, s.nb)[n % 2]
             changes |= {f"{of}_{e}": ends[e] for e in "ij"} | {f"{arm}_{e}": arms[e] for e in "ij"}
@@ -176,11 +182,14 @@ class _SplitBody:
         v = s.v[:, b] + np.einsum("tbij,tbj->tbi", s.R[:, b], np.cross(s.Omega[:, b], offset))
         return States(r, s.R[:, b], v, s.Omega[:, b], s.t)
 
-    def _weld(self, weld: Weld) -> list[Joint]:
-        """Return the joints that weld part 0 and part 1 at the C of the whole body."""
+    def _make_weld(self, weld: Weld) -> list[Joint]:
+        """Return the joints that weld part 0 and part 1 at the C of the whole body.
+
+        They are a fixed joint or, if pinned, a hinge along z and a ball beside it.
+        """
         x, _, z = np.eye(3)
         at = [-offset for offset in self.offsets]
         if weld == "fixed":
             return [Joint(1, at[1], 0, at[0], z, z, "weld", JointKind.FIXED, x, x)]
-        arm = max(float(np.linalg.norm(self.way)), float(self.whole.gyration[self.body]))
+        arm = max(float(np.linalg.norm(self.separation)), float(self.whole.gyration[self.body]))
         return [Joint(1, at[1], 0, at[0], z, z, "weld"), Joint(1, at[1] + arm * x, 0, at[0] + arm * x, name="weld 2")]

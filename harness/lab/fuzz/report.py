@@ -21,7 +21,7 @@ CPU = 300.0  # [s] to shrink a case
 def write_findings(folder: Path, most: int) -> tuple[Mapping[str, Mapping[str, int]], list[Case]]:
     """Write summary, cases and page of the trials in ``folder``; return the counts by solver, and the cases.
 
-    Of each sort of confirmed deviation at most ``most`` are cases.
+    The cases are confirmed deviations, at most ``most`` of each sort.
     """
     trials = read_trials(folder)
     counts, cases = write_summary(folder, trials), choose_cases(trials, most)

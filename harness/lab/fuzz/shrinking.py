@@ -16,21 +16,21 @@ BALL = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
 Case = tuple[RandomMechanism, Form]
 
 
-def shrink(case: Case, keeps_kind: Callable[[Case], bool], most: int = MOST) -> Case:
+def shrink_case(case: Case, keeps_kind: Callable[[Case], bool], most: int = MOST) -> Case:
     """Return the smallest case found for which ``keeps_kind`` holds, by accepting every change that preserves it.
 
-    ``most`` limits the number of its calls.
+    Changes are tried again until none is accepted, or ``keeps_kind`` was called ``most`` times.
     """
-    left, changed = most, True
+    calls_left, changed = most, True
     while changed:
         changed = False
-        for steps in (_list_smaller_cases, _list_simpler_cases):
+        for list_changes in (_list_smaller_cases, _list_simpler_cases):
             position = 0
-            while left:
-                candidate = next((c for k, c in enumerate(steps(case)) if k == position), None)
+            while calls_left:
+                candidate = next((c for k, c in enumerate(list_changes(case)) if k == position), None)
                 if candidate is None:
                     break
-                left -= 1
+                calls_left -= 1
                 if candidate != case and keeps_kind(candidate):
                     case, changed = candidate, True
                 else:
@@ -43,7 +43,7 @@ def shrink_outcome(
 ) -> tuple[Oracle, OracleOutcome]:
     """Return the smallest mechanism and form with an outcome of the same kind as ``found``, and that outcome.
 
-    ``examine`` returns the outcome of an oracle.
+    ``examine`` returns the outcome of an oracle. ``oracle`` itself is returned if ``found`` cannot be repeated.
     """
 
     def keeps_kind(case: Case) -> bool:
@@ -55,13 +55,16 @@ def shrink_outcome(
             return False
 
     first = (oracle.mechanism, found.form)
-    case = shrink(first, keeps_kind, most) if keeps_kind(first) else (oracle.mechanism, oracle.form)
+    case = shrink_case(first, keeps_kind, most) if keeps_kind(first) else (oracle.mechanism, oracle.form)
     smallest = Oracle(*case, oracle.floor)
     return smallest, replace(examine(smallest), number=found.number)
 
 
 def _list_smaller_cases(case: Case) -> Iterator[Case]:
-    """Yield cases with one part fewer: a change of the form, a body, a spring, a joint, or half of the steps."""
+    """Yield cases with one part fewer: a change of the form, a body, a spring, a joint, or half of the steps.
+
+    A body is removed with its joints, or replaced by the ground.
+    """
     m, form = case
     yield from ((m, part) for part in form.list_smaller_forms())
     for b in range(len(m.bodies)):
@@ -78,7 +81,7 @@ def _list_smaller_cases(case: Case) -> Iterator[Case]:
 
 
 def _list_simpler_cases(case: Case) -> Iterator[Case]:
-    """Yield cases with simpler numbers: of all parts together, then of one part."""
+    """Yield cases with simpler numbers: first changes of all parts together, then of one part at a time."""
     m, form = case
     yield replace(m, gravity=ZERO), form
     yield replace(m, gravity=(0.0, 0.0, -10.0)), form
@@ -112,47 +115,55 @@ def _list_simpler_cases(case: Case) -> Iterator[Case]:
 def _remove_body(m: RandomMechanism, body: int, grounded: bool) -> RandomMechanism:
     """Return the mechanism without a body and its joints and springs or, if ``grounded``, with ground in its place."""
 
-    def at(b: int) -> int:
+    def renumber(b: int) -> int:
         """Return the number of body ``b`` after the removal; ``GROUND`` for the removed body."""
         return GROUND if b == body else b - (b > body)
 
     bodies = m.bodies[:body] + m.bodies[body + 1 :]
     connections = [
-        replace(c, i=at(c.i), j=at(c.j))
-        if at(c.i) != GROUND
-        else replace(c, i=at(c.j), j=at(c.i), point=c.far if c.kind == JointKind.DISTANCE else c.point, far=c.point)
+        replace(c, i=renumber(c.i), j=renumber(c.j))
+        if renumber(c.i) != GROUND
+        else replace(
+            c, i=renumber(c.j), j=renumber(c.i), point=c.far if c.kind == JointKind.DISTANCE else c.point, far=c.point
+        )
         for c in m.connections
-        if _is_kept(c, body, grounded) and at(c.i) != at(c.j)
+        if _is_kept(c, body, grounded) and renumber(c.i) != renumber(c.j)
     ]
     springs = [
-        replace(s, i=at(s.i), j=at(s.j))
-        if at(s.i) != GROUND
-        else replace(s, i=at(s.j), j=at(s.i), point_i=s.point_j, point_j=s.point_i)
+        replace(s, i=renumber(s.i), j=renumber(s.j))
+        if renumber(s.i) != GROUND
+        else replace(s, i=renumber(s.j), j=renumber(s.i), point_i=s.point_j, point_j=s.point_i)
         for s in m.springs
-        if _is_kept(s, body, grounded) and at(s.i) != at(s.j)
+        if _is_kept(s, body, grounded) and renumber(s.i) != renumber(s.j)
     ]
     return replace(m, bodies=bodies, connections=tuple(connections), springs=tuple(springs))
 
 
 def _is_kept(part: RandomJoint | Spring, body: int, grounded: bool) -> bool:
-    """Return whether a joint or spring stays when a body is removed."""
+    """Return whether a joint or spring stays when number ``body`` is removed: always if it becomes the ground."""
     return grounded or body not in (part.i, part.j)
 
 
 def _remove_from_form(form: Form, m: RandomMechanism, body: int) -> Form:
-    """Return ``form`` for mechanism ``m`` without a body, after which the bodies are numbered anew."""
+    """Return ``form`` for mechanism ``m`` without number ``body``: later bodies count one less.
+
+    If the joint that it duplicates is one of that body, the first joint is duplicated instead.
+    """
     split = form.split - (form.split > body + 1)
-    again = form.plain.duplicate
-    if again and body in (m.connections[again - 1].i, m.connections[again - 1].j):
-        again = 1
-    return replace(form, split=split, plain=replace(form.plain, duplicate=again))
+    duplicate = form.plain.duplicate
+    if duplicate and body in (m.connections[duplicate - 1].i, m.connections[duplicate - 1].j):
+        duplicate = 1
+    return replace(form, split=split, plain=replace(form.plain, duplicate=duplicate))
 
 
 def _renumber_duplicate(form: Form, left: int, joint: int) -> Form:
-    """Return the form for a mechanism without joint number ``joint``, of which ``left`` joints remain."""
-    again = form.plain.duplicate
-    again = min(max(again - (again > joint), 1), left) if again else 0
-    return replace(form, plain=replace(form.plain, duplicate=again))
+    """Return the form after joint number ``joint`` is removed and ``left`` joints remain.
+
+    The joint that it duplicates, counted from 1, is renumbered, or replaced if it is the one removed.
+    """
+    duplicate = form.plain.duplicate
+    duplicate = min(max(duplicate - (duplicate > joint), 1), left) if duplicate else 0
+    return replace(form, plain=replace(form.plain, duplicate=duplicate))
 
 
 def _stop_body(b: RandomBody) -> RandomBody:
@@ -194,6 +205,7 @@ def _round_numbers(m: RandomMechanism, digits: int) -> RandomMechanism:
 
 
 def _round_body(b: RandomBody, digits: int) -> RandomBody:
+    """Return the body with all numbers rounded to ``digits`` significant digits."""
     J = b.inertia
     return RandomBody(
         float(f"{b.mass:.{digits}g}"),
@@ -206,12 +218,14 @@ def _round_body(b: RandomBody, digits: int) -> RandomBody:
 
 
 def _round_joint(c: RandomJoint, digits: int) -> RandomJoint:
+    """Return the joint with its points and axis rounded to ``digits`` significant digits."""
     return replace(
         c, point=_round_vector(c.point, digits), axis=_round_vector(c.axis, digits), far=_round_vector(c.far, digits)
     )
 
 
 def _round_spring(s: Spring, digits: int) -> Spring:
+    """Return the spring with its points and numbers rounded to ``digits`` significant digits."""
     points = {"point_i": _round_vector(s.point_i, digits), "point_j": _round_vector(s.point_j, digits)}
     numbers = {name: float(f"{getattr(s, name):.{digits}g}") for name in ("stiffness", "rest", "damping")}
     return replace(s, **points, **numbers)  # type: ignore[arg-type]

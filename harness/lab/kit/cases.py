@@ -29,7 +29,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "spin_sphere": ("free_body", {**FREE, "sides": (0.4, 0.4, 0.4), "omega": (1.0, 4.0, 2.0)}),
     "spin_symmetric": ("free_body", {**FREE, "sides": (0.4, 0.4, 0.2), "omega": (1.0, 2.0, 4.0)}),
     "spin_asymmetric": ("free_body", {**FREE, "omega": (0.05, 6.0, 0.1)}),
-    "spin_products": ("free_body", {**FREE, "omega": (3.0, 4.0, 2.0)}),  # in axes that are not principal: ``_reframe``
+    "spin_products": ("free_body", {**FREE, "omega": (3.0, 4.0, 2.0)}),  # in axes that are not principal
     "pendulum": ("simple_pendulum", {"gyration": 0.3, "t_end": 2.0}),
     "ball_pendulum": ("spherical_pendulum", {"omega_x": 5.0, "omega_z": 3.0, "t_end": 2.0}),
     "top": ("heavy_top", {"t_end": 1.0}),
@@ -47,14 +47,14 @@ STIFFNESS, DAMPING, FREQUENCY, ANGLE = 20.0, 0.5, 5.0, 0.5  # [N m/rad], [N m s/
 
 
 def make_case(name: str) -> Problem:
-    """Return the problem of a case; raise ValueError for an unknown name."""
+    """Return the problem of the case ``name`` in ``CASES``; raise ValueError for an unknown name."""
     if name not in CASES:
         raise ValueError(f"unknown case {name!r}{suggest_name(name, list(CASES))}; there are {', '.join(CASES)}")
     problem, parameters = CASES[name]
     if not problem:
         return _make_hinged_bar(name, **parameters)
     made = registry.make_problem(problem, parameters)
-    return _reframe(made, so3.exp(np.array(TURNED))) if name == "spin_products" else made
+    return _turn_body_axes(made, so3.exp(np.array(TURNED))) if name == "spin_products" else made
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,11 @@ class ReframedMotion:
         return self.own.error(t)
 
 
-def _reframe(p: Problem, Q: Float[np.ndarray, "3 3"]) -> Problem:
-    """Return the problem with the axes of its one free body turned by Q, so that the inertia has products."""
+def _turn_body_axes(p: Problem, Q: Float[np.ndarray, "3 3"]) -> Problem:
+    """Return the problem with the axes of its one free body turned by Q, so that the inertia has products.
+
+    Its reference is turned, too; observables and invariants are dropped.
+    """
     own, start = p.reference(), p.initial
     assert own is not None
     system = dataclasses.replace(p.system, inertia=Q.T @ p.system.inertia @ Q)
@@ -112,17 +115,17 @@ def _make_hinged_bar(name: str, torque: float) -> Problem:
 
 
 def _evaluate_oscillation(torque: float, t: Float[np.ndarray, " nt"]) -> States:
-    """Return the states of the bar at ``t`` [s]; its torque has the amplitude ``torque`` [N m].
+    """Return the states of the bar at ``t`` [s], driven by a torque of amplitude ``torque`` [N m].
 
-    Its angle is Re(z exp(s t)) of the free motion plus the driven motion in phase with the torque.
+    Its angle is Re(z exp(s t)) of the free motion plus the driven motion Re(driven exp(i w t)).
     """
     root = (-DAMPING + np.emath.sqrt(DAMPING**2 - 4.0 * ABOUT_HINGE * STIFFNESS)) / (2.0 * ABOUT_HINGE)
-    lever = STIFFNESS - ABOUT_HINGE * FREQUENCY**2 + 1j * DAMPING * FREQUENCY
-    driven = -1j * torque / lever  # theta = Re(driven exp(i w t))
+    dynamic_stiffness = STIFFNESS - ABOUT_HINGE * FREQUENCY**2 + 1j * DAMPING * FREQUENCY
+    driven = -1j * torque / dynamic_stiffness
     theta_0, rate_0 = ANGLE - driven.real, -(1j * FREQUENCY * driven).real
     free = theta_0 + 1j * (root.real * theta_0 - rate_0) / root.imag
     terms = [(free, root), (driven, 1j * FREQUENCY)]
     theta, rate = (sum((z * s**k * np.exp(s * t)).real for z, s in terms)[:, None] for k in (0, 1))
-    way = 0.5 * LENGTH * np.stack((np.cos(theta), np.sin(theta)), axis=-1)
-    across = rate[..., None] * np.stack((-way[..., 1], way[..., 0]), axis=-1)
-    return planar.make_planar_states(way, theta, across, rate)
+    centre = 0.5 * LENGTH * np.stack((np.cos(theta), np.sin(theta)), axis=-1)
+    velocity = rate[..., None] * np.stack((-centre[..., 1], centre[..., 0]), axis=-1)
+    return planar.make_planar_states(centre, theta, velocity, rate)

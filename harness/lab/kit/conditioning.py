@@ -43,9 +43,10 @@ Key = tuple[Law, str]  # of an invariant with its name
 
 
 def measure_growth(problem: Problem) -> tuple[Float[np.ndarray, " nt"], dict[Key, Float[np.ndarray, " nt"]]]:
-    """Return times [s], and for each law the change of its quantity per unit of relative change of all numbers.
+    """Return times [s], and for each law how its quantity changes per unit of relative change of all numbers.
 
-    The change is the root mean square over draws, and the largest up to each time.
+    The change is the root mean square over ``DRAWS`` draws, and the largest up to each time. To distances and speeds
+    the rounding of the poses is added.
     """
     t, base = _integrate(problem.system, problem.initial, problem.t_end)
     redundant = len(independent_rows(problem.system, problem.initial)) < problem.system.nrows
@@ -74,7 +75,11 @@ def measure_growth(problem: Problem) -> tuple[Float[np.ndarray, " nt"], dict[Key
 
 
 def evaluate_laws(problem: Problem, s: States, exact: States) -> dict[Key, Float[np.ndarray, " nt"]]:
-    """Return quantities that vanish in the exact motion: distances from it, gaps of joints, changes of invariants."""
+    """Return quantities along ``s`` that vanish in the exact motion: distances from it, gaps of joints, drifts.
+
+    Drifts are those of the energy, in a conservative system, and of invariants. Keys are laws, with the names of
+    invariants; gaps that are angles count as lengths at the largest radius of gyration [m].
+    """
     system = problem.system
     metres = np.ones(system.nrows)
     metres[system.turning_rows] = np.max(system.gyration)
@@ -96,9 +101,9 @@ def evaluate_laws(problem: Problem, s: States, exact: States) -> dict[Key, Float
 
 
 def _perturb_numbers(system: MultibodySystem, random: np.random.Generator, *, redundant: bool) -> MultibodySystem:
-    """Return the system with each number changed by its own random draw of relative size ``SIZE``.
+    """Return the system with each number changed by its own ``random`` draw of relative size ``SIZE``.
 
-    Points and axes stay if rows are ``redundant``.
+    Points and axes stay if rows are ``redundant``: changed ones have no consistent start.
     """
 
     def scale(a: np.ndarray) -> np.ndarray:
@@ -106,7 +111,7 @@ def _perturb_numbers(system: MultibodySystem, random: np.random.Generator, *, re
         return a * (1.0 + SIZE * random.standard_normal(a.shape))
 
     def tilt(a: np.ndarray) -> np.ndarray:
-        """Return points or directions, each component changed relative to the largest one."""
+        """Return points or directions, with each component changed relative to the largest one."""
         size = np.max(np.abs(a), axis=-1, keepdims=True)
         return a + SIZE * size * random.standard_normal(a.shape)
 

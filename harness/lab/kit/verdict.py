@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...judge.distance import find_first_time, find_inaccuracy
-from ...judge.law import DEVIATIONS, PRECISIONS, allow_rounding, allow_start, list_broken_laws
+from ...judge.law import DEVIATIONS, PRECISIONS, compute_start_tolerance, estimate_relative_rounding, list_broken_laws
 from ...judge.metrics.measure import measure
 from ...judge.metrics.summary import make_columns
 from ...judge.order import bound_fine_error
@@ -66,9 +66,9 @@ def check(
         raise ValueError(f"order must be a number >= 1 (got {order!r})")
     problem = make_case(case)
     steps = max(2, round(problem.t_end / dt))
-    coarse, fine = (_run(case, problem, motion, k * steps, PRECISIONS[precision]) for k in (1, 2))
-    found, broken = _compare(case, problem, coarse, fine, order, PRECISIONS[precision])
-    if lines := [_describe(case, r) for r in (*broken, *_judge(problem, fine, {r.law for r in broken}))]:
+    coarse, fine = (_run_engine(case, problem, motion, k * steps, PRECISIONS[precision]) for k in (1, 2))
+    found, broken = _compare_laws(case, problem, coarse, fine, order, PRECISIONS[precision])
+    if lines := [_describe_reason(case, r) for r in (*broken, *_judge_motion(problem, fine, {r.law for r in broken}))]:
         raise EngineFailure("\n".join(lines))
     return found
 
@@ -80,11 +80,11 @@ def estimate_rounding(case: str, precision: str, dt: float = STEP) -> float:
     return PRECISIONS[precision] * (DEVIATIONS + steps) * float(growth[Law.MOTION, ""][-1])
 
 
-def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: int, unit: float) -> States:
+def _run_engine(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: int, unit: float) -> States:
     """Run the engine for ``steps`` steps and return its motion.
 
     Raise EngineFailure where it ends early, has wrong shapes, is not finite, or starts elsewhere than the case;
-    ``unit`` is the rounding of the engine's numbers.
+    ``unit`` is the rounding unit of the engine's numbers.
     """
     t = np.linspace(0.0, problem.t_end, steps + 1)
     rows = [
@@ -106,7 +106,7 @@ def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: 
     r, q, v, omega = (np.stack(part) for part in zip(*rows, strict=True))
     finite = np.isfinite(np.concatenate([a.reshape(len(t), -1) for a in (r, q, v, omega)], axis=1)).all(axis=1)
     if not np.all(finite):
-        raise EngineFailure(_describe(case, Reason(Law.FINITE, time_s=float(t[np.argmin(finite)]))))
+        raise EngineFailure(_describe_reason(case, Reason(Law.FINITE, time_s=float(t[np.argmin(finite)]))))
     R = (
         q
         if q.ndim == 4
@@ -116,48 +116,48 @@ def _run(case: str, problem: Problem, motion: Callable[[Model], Motion], steps: 
     start = problem.initial
     for name in ("r", "R", "v", "Omega"):
         exact, given = getattr(start, name), getattr(found, name)[0]
-        off, allowed = float(np.max(np.abs(given - exact))), allow_start(unit, float(np.max(np.abs(exact))))
+        off, allowed = float(np.max(np.abs(given - exact))), compute_start_tolerance(unit, float(np.max(np.abs(exact))))
         if off > allowed:
             raise EngineFailure(f"{case}: start: {name} is off by {off:.3g}, allowed {allowed:.2g}")
     return found
 
 
-def _compare(
+def _compare_laws(
     case: str, problem: Problem, coarse: States, fine: States, order: float, unit: float
 ) -> tuple[list[Finding], list[Reason]]:
-    """Return for each law the finding on the largest value divided by its allowance, and the laws that are broken.
+    """Return for each law the finding on its largest value divided by the allowance, and the laws that are broken.
 
-    ``coarse`` and ``fine`` are the motions at the step and at half of it, ``unit`` is the rounding of the engine's
-    numbers.
+    ``coarse`` and ``fine`` are the motions at the step and at half of it, ``order`` is the engine's, ``unit`` the
+    rounding unit of its numbers.
     """
     t, steps = coarse.times, len(fine) - 1
     at_coarse = fine.at(slice(None, None, 2))
-    exact, own = _evaluate_reference(case, steps // 2)
+    exact, stated_error = _evaluate_reference(case, steps // 2)
     laws = {name: evaluate_laws(problem, s, exact) for name, s in (("coarse", coarse), ("fine", at_coarse))}
-    apart = evaluate_laws(problem, coarse, at_coarse)
+    between = evaluate_laws(problem, coarse, at_coarse)
     grown, growth = _measure_growth_once(case)
     found, broken = [], []
     for key, series in laws["fine"].items():
         law, name = key
         vector = law in (Law.MOTION, Law.VELOCITY)
-        halved = apart[key] if vector else laws["coarse"][key] - series
+        halved = between[key] if vector else laws["coarse"][key] - series
         # the maximum over all times: transients last some steps, not a time
         step = bound_fine_error(float(np.max(np.abs(halved))), order)
-        rounding = allow_rounding(unit, np.linspace(0.0, steps, len(t))) * np.interp(t, grown, growth[key])
-        allowed = step + rounding + own * growth[key][-1] / growth[Law.MOTION, ""][0]
-        share = np.abs(series) / allowed
-        worst = int(np.argmax(share))
+        rounding = estimate_relative_rounding(unit, np.linspace(0.0, steps, len(t))) * np.interp(t, grown, growth[key])
+        allowed = step + rounding + stated_error * growth[key][-1] / growth[Law.MOTION, ""][0]
+        ratio = np.abs(series) / allowed
+        worst = int(np.argmax(ratio))
         words, unit_ = WORDS.get(law) or (name, next(i.unit for i in problem.invariants if i.name == name))
-        found.append(judge_value(float(share[worst]), "of what is allowed", most=1.0, quantity=words))
+        found.append(judge_value(float(ratio[worst]), "of what is allowed", most=1.0, quantity=words))
         if not found[-1].holds:
-            first = find_first_time(t, share > 1.0)
+            first = find_first_time(t, ratio > 1.0)
             broken.append(Reason(law, float(abs(series[worst])), float(allowed[worst]), unit_, first, name))
     return found, broken
 
 
 @cache
 def _measure_growth_once(case: str) -> tuple[np.ndarray, dict]:
-    """Return times [s] and the growth of each law's quantity for a case, as ``measure_growth``, computed once."""
+    """Return ``measure_growth`` of a case: times [s] and the growth of each law's quantity; computed once."""
     return measure_growth(make_case(case))
 
 
@@ -175,20 +175,22 @@ def _evaluate_reference(case: str, steps: int) -> tuple[States, float]:
     return reference.states(t).with_times(t), float(np.max(reference.error(t)))
 
 
-def _judge(problem: Problem, s: States, known: set[Law]) -> Iterator[Reason]:
-    """Yield reasons why the referee would not call the motion a success, except for laws known to be broken."""
+def _judge_motion(problem: Problem, s: States, known: set[Law]) -> Iterator[Reason]:
+    """Yield the reasons why the referee would not call the motion ``s`` a success, except for laws in ``known``.
+
+    The law of truncation is left out: it compares differences over a step, which are below rounding.
+    """
     start = problem.initial
     exact_start = {k: np.concatenate((getattr(start, k)[None], getattr(s, k)[1:])) for k in ("r", "R", "v", "Omega")}
     trajectory = Trajectory(s.times, States(**exact_start), Status.SUCCESS, "", {})
     m = measure(problem, trajectory)
     numbers = make_columns(problem, trajectory, m)
     for r in list_broken_laws(problem, trajectory, m, numbers) or find_inaccuracy(m, numbers):
-        # it compares differences over a step, which are below rounding
         if r.law not in known and r.law is not Law.TRUNCATION:
             yield r
 
 
-def _describe(case: str, r: Reason) -> str:
+def _describe_reason(case: str, r: Reason) -> str:
     """Return a line such as ``top: energy: off by 172 J, allowed 1.7 J, first at t = 0.4 s``."""
     words = r.name or WORDS.get(r.law, (str(r.law), ""))[0]
     when = "" if math.isnan(r.time_s) else f", first at t = {r.time_s:.4g} s"

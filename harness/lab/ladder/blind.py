@@ -61,7 +61,8 @@ class BlindTask:
 def confine_process(folder: Path) -> bool:
     """Confine this process to ``folder`` and hide the answers from it, before code of a submission runs.
 
-    Return whether the system enforces all of it. The process also changes to that folder and caches there.
+    Return whether the system enforces all of it. The process also changes to that folder, and gets it as folder for
+    temporary files and numba's cache.
     """
     os.chdir(folder)
     os.environ.update({"TMPDIR": str(folder), "NUMBA_CACHE_DIR": str(folder)})
@@ -71,7 +72,7 @@ def confine_process(folder: Path) -> bool:
 
 
 def hide_problem(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
-    """Return a problem as presented and its step control, without any name, source or parameter that identifies it."""
+    """Return the problem as presented, without names, sources or parameters that identify it, and its step control."""
     seen, steps = present_problem(problem, control)
     system = replace(seen.system, body_names=(), joint_names=())
     hidden = replace(seen, system=system, name="hidden", section="", source="", parameters={}, frame=np.eye(3), dt=0.0)
@@ -82,7 +83,7 @@ class WatchedProcess(ForkedProcess):
     """A process whose children are counted at each check: those that nobody waits for leave no other trace."""
 
     def check_end(self) -> ProcessEnd | None:
-        """Return how the process ended, or None while it runs; count its children at once."""
+        """Return how the process ended, or None while it runs; count its children at every call."""
         self._next = 0.0
         return super().check_end()
 
@@ -90,8 +91,8 @@ class WatchedProcess(ForkedProcess):
 def attempt_solve(task: BlindTask, send: Send) -> None:
     """Confine this process, import the plugin, solve, and write the outcome; an exception is an outcome too.
 
-    The first line sent, by ``send``, says whether the confinement holds. It is sent before any code of the submission
-    could send lines.
+    The first line sent, by ``send``, is ``FENCED`` or empty: whether the confinement holds. It is sent before any code
+    of the submission could send lines.
     """
     made = list[Solver]()
     send(FENCED if confine_process(task.folder) else "")
@@ -104,10 +105,10 @@ def attempt_solve(task: BlindTask, send: Send) -> None:
         traceback.print_exc()
         message = f"{type(error).__name__}: {error}".split("\n")[0][:500]
         handed = handover.report_exception(message + "".join(locate_error(error, s) for s in made))
-    handover.write(task.folder / OUT, handed)
+    handover.write_handover(task.folder / OUT, handed)
 
 
-def _run(task: BlindTask) -> ProcessEnd:
+def _run_task(task: BlindTask) -> ProcessEnd:
     """Run a task in a process of its own, and return how that ended, with the first line that it sent.
 
     The CPU limit includes code generation for a submission, whose own report of it cannot be trusted.
@@ -122,13 +123,14 @@ def _run(task: BlindTask) -> ProcessEnd:
 def serve() -> None:
     """Run the tasks whose files are named on standard input, one after the other, and write how each process ended.
 
-    Each task file is removed afterwards.
+    The answers go to the standard output, as lines of JSON; what else is printed goes to the standard error. Each task
+    file is removed afterwards.
     """
     protect_process()
     answers = os.dup(1)
     os.dup2(2, 1)
     for line in sys.stdin:
-        ended = _run(pickle.loads(Path(line.strip()).read_bytes()))
+        ended = _run_task(pickle.loads(Path(line.strip()).read_bytes()))
         Path(line.strip()).unlink()
         os.write(answers, msgspec.json.encode(asdict(ended)) + b"\n")
 

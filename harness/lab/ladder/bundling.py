@@ -50,7 +50,7 @@ def write_bundle(folder: Path, path: Path) -> None:
 
 
 def read_entry(path: Path, kinds: tuple[InstanceKind, ...] = KINDS, closing: LadderClosing | None = None) -> Entry:
-    """Return a bundle as an entry; it raises nothing, but states in ``forged`` why the entry is invalid.
+    """Return a bundle as an entry, whose ``forged`` says why it is invalid; never raise an exception.
 
     Its manifest, instances, numbers and seed are checked, and with ``closing`` whether the ladder admits it. ``kinds``
     are the problems that the ladder draws instances of.
@@ -59,14 +59,14 @@ def read_entry(path: Path, kinds: tuple[InstanceKind, ...] = KINDS, closing: Lad
         entry = _read_entry(path, kinds)
     except Exception as error:  # a foreign file may raise anything, and must cost this entry alone
         words = " ".join(str(getattr(error, "strerror", None) or error).split()) or type(error).__name__
-        entry = _no_entry(path, f"it is no bundle of a submission: {words}")
+        entry = _make_invalid_entry(path, f"it is no bundle of a submission: {words}")
     if closing and not entry.forged and (words := closing.explain_rejection(entry.digest, entry.seed)):
         return replace(entry, forged=(words,))
     return entry
 
 
-def _no_entry(path: Path, *why: str) -> Entry:
-    """Return an entry without results for a file that is no valid bundle, with the reasons."""
+def _make_invalid_entry(path: Path, *why: str) -> Entry:
+    """Return an entry without results, for a file that is no valid bundle, with the reasons ``why``."""
     return Entry(escape_text(path.name), escape_text(path.stem), "", "", (), tuple(map(escape_text, why)))
 
 
@@ -74,16 +74,16 @@ def _read_entry(path: Path, kinds: tuple[InstanceKind, ...]) -> Entry:
     """Return a bundle as an entry with all reasons against it; raise any exception if it is not a bundle."""
     with open_whole(path, LARGEST_BUNDLE) as file, zipfile.ZipFile(file) as archive:
         if found := _check_manifest(archive):
-            return _no_entry(path, *found)
-        about = parse_toml(_read(archive, "suite.toml"), "suite.toml")
-        plain = parse_json(_read(archive, "records.json"), "records.json")
+            return _make_invalid_entry(path, *found)
+        about = parse_toml(_read_member(archive, "suite.toml"), "suite.toml")
+        plain = parse_json(_read_member(archive, "records.json"), "records.json")
     if missing := [name for name in ABOUT if name not in about]:
-        return _no_entry(path, f"its suite.toml has no {', '.join(missing)}")
+        return _make_invalid_entry(path, f"its suite.toml has no {', '.join(missing)}")
     solver, digest, seed = (str(about[name]) for name in ABOUT)
     if not solver.isidentifier():
-        return _no_entry(path, f"its solver has no name of one: {solver[:100]!r}")
+        return _make_invalid_entry(path, f"its solver has no name of one: {solver[:100]!r}")
     given = tuple(records.parse_record_json(json.dumps(one)) for one in plain)
-    found = [f"{r.case}: {words}" for r in given if (words := _check_numbers(r))]
+    found = [f"{r.case}: {words}" for r in given if (words := _find_impossible_number(r))]
     found += _check_instances(given, solver, draw_instances(digest, seed, kinds))
     found += check_bundle(path)
     fenced = about.get("fenced") is True
@@ -91,11 +91,11 @@ def _read_entry(path: Path, kinds: tuple[InstanceKind, ...]) -> Entry:
 
 
 def _check_manifest(archive: zipfile.ZipFile) -> list[str]:
-    """Return a line for each file of a bundle that differs from its manifest, or one for a bundle that is malformed."""
+    """Return a line for each file of a bundle that differs from its manifest; a single line if it is malformed."""
     sizes = {m.filename: m.file_size for m in archive.infolist()}
     if len(sizes) != len(archive.infolist()) or MANIFEST not in sizes or sum(sizes.values()) > LARGEST_BUNDLE:
         return [f"a name twice, no {MANIFEST}, or more than {LARGEST_BUNDLE} bytes"]
-    lines = _read(archive, MANIFEST).splitlines()
+    lines = _read_member(archive, MANIFEST).splitlines()
     stated = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
     found = {name: _digest_member(archive, name) for name in sizes if name != MANIFEST}
     return [f"{name} is not as its manifest says" for name in sorted(dict(found.items() ^ stated.items()))]
@@ -107,7 +107,7 @@ def _digest_member(archive: zipfile.ZipFile, name: str) -> str:
         return hashlib.file_digest(member, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
-def _read(archive: zipfile.ZipFile, name: str) -> str:
+def _read_member(archive: zipfile.ZipFile, name: str) -> str:
     """Return the text of a file in a ZIP archive; raise FileError if it is missing, too large, or not UTF-8."""
     if name not in archive.namelist():
         raise FileError(f"it has no {name}")
@@ -119,8 +119,8 @@ def _read(archive: zipfile.ZipFile, name: str) -> str:
         raise FileError(f"{name} is no text in UTF-8: {error.reason} at byte {error.start}") from None
 
 
-def _check_numbers(r: RunRecord) -> str:
-    """Return in words what in a record no run of the ladder can have; empty if there is nothing."""
+def _find_impossible_number(r: RunRecord) -> str:
+    """Return which value of a record no run of the ladder can have, in words; empty if there is none."""
     if r.status not in set(Status):
         return f"no status {r.status!r}"
     if r.control not in STEPS or getattr(r, CONTROL[r.control]) not in STEPS[r.control]:
@@ -137,14 +137,15 @@ def _check_instances(given: tuple[RunRecord, ...], solver: str, drawn: tuple[Ins
 
     ``given`` are the records, ``solver`` the entry's, ``drawn`` the instances of its digest and seed.
     """
-    found = [f"{r.case}: a run of {r.solver}" for r in given if r.solver != solver]
-    wanted = {(i.problem, json.dumps(dict(i.parameters), sort_keys=True)) for i in drawn}
-    have = [(r.problem, json.dumps(dict(r.parameters), sort_keys=True), r.dt_s, r.rtol) for r in given]
-    if {h[:2] for h in have} != wanted:
-        found.append("its instances are not those drawn for its digest and seed")
-    if len({str(h) for h in have}) != len(have) or len(have) != len(wanted) * len(next(iter(STEPS.values()))):
-        found.append("a run is missing, or there twice")
-    return found
+    lines = [f"{r.case}: a run of {r.solver}" for r in given if r.solver != solver]
+    expected = {(i.problem, json.dumps(dict(i.parameters), sort_keys=True)) for i in drawn}
+    found_settings = [(r.problem, json.dumps(dict(r.parameters), sort_keys=True), r.dt_s, r.rtol) for r in given]
+    if {h[:2] for h in found_settings} != expected:
+        lines.append("its instances are not those drawn for its digest and seed")
+    runs = len(expected) * len(next(iter(STEPS.values())))
+    if len({str(h) for h in found_settings}) != len(found_settings) or len(found_settings) != runs:
+        lines.append("a run is missing, or there twice")
+    return lines
 
 
 def require_checker() -> None:
@@ -156,8 +157,8 @@ def require_checker() -> None:
 def check_bundle(path: Path) -> list[str]:
     """Return where the independent checker disagrees with a bundle, at most five lines; empty if it agrees.
 
-    The checker demands the states of every success. It runs in a process with limits; a run that exceeds them is a
-    disagreement.
+    The checker demands the states of every success. It runs in a process with limits, which count as a disagreement if
+    they are exceeded. Raise FileError if the checker is missing.
     """
     require_checker()
     line = (sys.executable, str(CHECKER), "--complete", str(path))

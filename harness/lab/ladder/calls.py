@@ -85,11 +85,14 @@ class RefusedCall:
 
     call: str | int
     error: int = errno.EPERM
-    which: tuple[tuple[int, int, int, int], ...] = ()  # tests of arguments, as of ``ArgumentTest``
+    tests: tuple[tuple[int, int, int, int], ...] = ()  # tests of arguments, as of ``ArgumentTest``
 
 
-def _refusals() -> Iterator[RefusedCall]:
-    """Yield the refused calls: sockets, file attributes, System V memory, priorities and limits of other processes."""
+def _list_refused_calls() -> Iterator[RefusedCall]:
+    """Yield the refused calls: sockets, file attributes, System V memory, priorities and limits of other processes.
+
+    Calls that are newer than this list are refused, too.
+    """
     yield RefusedCall("socket", errno.EACCES)  # TCP, MPTCP, UDP, Unix, netlink, vsock and future families
     # a pair of another type can send to other addresses
     for kind in set(range(KINDS_OF_SOCKETS + 1)) - {int(socket.SOCK_STREAM)}:
@@ -109,31 +112,31 @@ def _refusals() -> Iterator[RefusedCall]:
 
 
 def refuse_calls() -> bool:
-    """Refuse the calls of ``_refusals`` to this process and its children, permanently.
+    """Refuse the calls of ``_list_refused_calls`` to this process and its children, permanently.
 
-    Return whether all are refused.
+    Return whether that succeeded: without libseccomp, or if it cannot refuse one of them, no call is refused.
     """
     try:
         library = ctypes.CDLL(LIBRARY)
-        begin, release = library.seccomp_init, library.seccomp_release
-        find, add = library.seccomp_syscall_resolve_name, library.seccomp_rule_add_array
+        init, release = library.seccomp_init, library.seccomp_release
+        resolve_name, add_rule = library.seccomp_syscall_resolve_name, library.seccomp_rule_add_array
     except (OSError, AttributeError):
         return False
-    begin.restype, begin.argtypes = ctypes.c_void_p, (ctypes.c_uint32,)
+    init.restype, init.argtypes = ctypes.c_void_p, (ctypes.c_uint32,)
     for function in (release, library.seccomp_load):
         function.argtypes = (ctypes.c_void_p,)
-    add.argtypes = (ctypes.c_void_p, ctypes.c_uint32, ctypes.c_int, ctypes.c_uint, ctypes.POINTER(ArgumentTest))
-    rules = begin(ALLOW)
+    add_rule.argtypes = (ctypes.c_void_p, ctypes.c_uint32, ctypes.c_int, ctypes.c_uint, ctypes.POINTER(ArgumentTest))
+    rules = init(ALLOW)
     if not rules:
         return False
     try:
-        for refusal in _refusals():
-            number = find(refusal.call.encode()) if isinstance(refusal.call, str) else refusal.call
+        for refusal in _list_refused_calls():
+            number = resolve_name(refusal.call.encode()) if isinstance(refusal.call, str) else refusal.call
             if number == -1:  # the library is older than the call
                 number = NEWER.get(str(refusal.call), -1)
-            which = (ArgumentTest * len(refusal.which))(*(ArgumentTest(*one) for one in refusal.which))
+            tests = (ArgumentTest * len(refusal.tests))(*(ArgumentTest(*one) for one in refusal.tests))
             action = REFUSE | refusal.error
-            if number == -1 or add(rules, action, number, len(which), which):
+            if number == -1 or add_rule(rules, action, number, len(tests), tests):
                 return False
         return bool(library.seccomp_load(rules) == 0)
     finally:

@@ -32,9 +32,9 @@ class _PathBeneath(ctypes.Structure):
 def confine_to_folder(folder: Path, hidden: Sequence[Path]) -> bool:
     """Confine this process and its children: they write below ``folder`` only, and read no file below ``hidden``.
 
-    They may still read and write the null device, and read all other files. Sockets but pairs of streams, attributes of
-    files, shared memory and priorities of other processes are refused, too. Call it in a process that
-    ``isolate_process`` separated.
+    They may still read and write the null device, and read all other files. Sockets other than pairs of streams are
+    refused, as are changes of files' attributes, System V memory, and priorities of other processes. Call it in a
+    process that ``isolate_process`` separated.
 
     Return whether the system enforces all of that and of ``isolate_process``, which takes Linux 6.12 for signals. If
     not, what it does enforce stays in force. A process of root counts as confined only in a user namespace of its own,
@@ -70,9 +70,9 @@ def confine_to_folder(folder: Path, hidden: Sequence[Path]) -> bool:
 
 
 def _isolate_memory() -> bool:
-    """Move this process to namespaces without System V memory of others or root's rights.
+    """Move this process to new namespaces, without the System V memory of others and without root's rights.
 
-    Return False if that fails.
+    Return whether that succeeded.
     """
     user, group = os.getuid(), os.getgid()
     if ctypes.CDLL(None).unshare(NEW_USERS_AND_IPC):

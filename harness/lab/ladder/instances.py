@@ -57,29 +57,29 @@ def digest_submission(content: bytes) -> str:
 
 def draw_instances(submission: str, seed: str, kinds: tuple[InstanceKind, ...] = KINDS) -> tuple[Instance, ...]:
     """Draw one instance of each kind for the digest of a ``submission`` and a public ``seed``."""
-    return tuple(_draw(kind, f"{submission} {seed} {k}") for k, kind in enumerate(kinds))
+    return tuple(_draw_instance(kind, f"{submission} {seed} {k}") for k, kind in enumerate(kinds))
 
 
-def _draw(kind: InstanceKind, text: str) -> Instance:
-    """Draw one instance of a kind from a text: changed numbers, a random presentation, and a perturbed start."""
+def _draw_instance(kind: InstanceKind, text: str) -> Instance:
+    """Draw an instance of a kind, as the text determines: changed numbers, a random presentation, a perturbed start."""
     random = np.random.default_rng(list(hashlib.sha256(text.encode()).digest()))
 
-    def near(value: float) -> float:
+    def perturb_value(value: float) -> float:
         """Return the value, changed at random by up to ``WITHIN`` of it."""
         return float(value * (1.0 + WITHIN * random.uniform(-1.0, 1.0)))
 
-    def unit() -> float:
+    def draw_unit() -> float:
         """Return a random factor of a unit, up to ``UNITS`` decades."""
         return float(10.0 ** (UNITS * random.uniform(-1.0, 1.0)))
 
-    changed = {name: near(value) for name, value in kind.changed.items()}
+    changed = {name: perturb_value(value) for name, value in kind.changed.items()}
     presented = {
         "rotation": tuple(float(x) for x in random.uniform(-2.0, 2.0, 3)),
         "mirror": str(random.choice(list(SPACE_AXES))),
         "renumber": int(random.integers(1, 2**31)),
-        "unit_length": unit(),
-        "unit_mass": unit(),
-        "unit_time": unit(),
+        "unit_length": draw_unit(),
+        "unit_mass": draw_unit(),
+        "unit_time": draw_unit(),
         "perturb": WITHIN,
         "seed": int(random.integers(1, 2**31)),
     }

@@ -53,19 +53,24 @@ class RankedEntry:
 def rank_entries(entries: Sequence[tuple[Entry, str]]) -> list[RankedEntry]:
     """Return the ladder's rows, the best first, from entries with their labels.
 
-    Invalid ones, which include those that our own re-run contradicts, come last and have no rank.
+    The order is by points, then by cost. Invalid entries, which include those that our own re-run contradicts, come
+    last and have no rank.
     """
     known = {(e.digest, e.seed): e for e, label in entries if label == RE_RUN and not e.forged}
     rows = [
-        _row(entry if label == RE_RUN else replace(entry, forged=entry.forged + _differences(entry, known)), label)
+        _make_row(
+            entry if label == RE_RUN else replace(entry, forged=entry.forged + _find_differences(entry, known)), label
+        )
         for entry, label in entries
     ]
     sound = sorted((r for r in rows if not r.forged), key=lambda r: (-r.points, _make_cost_key(r.cost.value), r.file))
-    ranked = [replace(r, rank=k + 1, leads=r.label != INDEPENDENT and _leads(r, sound)) for k, r in enumerate(sound)]
+    ranked = [
+        replace(r, rank=k + 1, leads=r.label != INDEPENDENT and _is_leading(r, sound)) for k, r in enumerate(sound)
+    ]
     return ranked + sorted((r for r in rows if r.forged), key=lambda r: r.file)
 
 
-def _differences(entry: Entry, known: Mapping[tuple[str, str], Entry]) -> tuple[str, ...]:
+def _find_differences(entry: Entry, known: Mapping[tuple[str, str], Entry]) -> tuple[str, ...]:
     """Return in words where an entry differs from our own re-run of it; empty if it agrees or there is no re-run.
 
     ``known`` are re-runs by digest and seed.
@@ -73,28 +78,31 @@ def _differences(entry: Entry, known: Mapping[tuple[str, str], Entry]) -> tuple[
     ours = known.get((entry.digest, entry.seed))
     if ours is None:
         return ()
-    stated = {_setting(r): r for r in entry.records}
-    return tuple(filter(None, (describe_rerun(stated.get(_setting(own)), own) for own in ours.records)))
+    stated = {_make_setting_key(r): r for r in entry.records}
+    return tuple(filter(None, (describe_rerun(stated.get(_make_setting_key(own)), own) for own in ours.records)))
 
 
-def _setting(r: RunRecord) -> str:
+def _make_setting_key(r: RunRecord) -> str:
     """Return a key that identifies a record's instance and its step or tolerance."""
-    return str((_instance(r), r.dt_s, r.rtol))
+    return str((_make_instance_key(r), r.dt_s, r.rtol))
 
 
-def _instance(r: RunRecord) -> str:
+def _make_instance_key(r: RunRecord) -> str:
     """Return a key that identifies a record's instance: its problem with all parameters."""
     return f"{r.problem} {json.dumps(dict(r.parameters), sort_keys=True)}"
 
 
-def _row(entry: Entry, label: str) -> RankedEntry:
-    """Return the row of an entry, without rank; if the entry is invalid, without numbers."""
+def _make_row(entry: Entry, label: str) -> RankedEntry:
+    """Return the row of an entry, without rank; if the entry is invalid, without numbers.
+
+    An instance with a false success counts ``FALSE`` points and has no part in the costs.
+    """
     nothing = Interval(math.nan, math.nan, math.nan)
     if entry.forged:
         return RankedEntry(entry.file, entry.solver, label, 0, 0, 0, 0, nothing, (), entry.forged, fenced=entry.fenced)
     instances = dict[str, list[RunRecord]]()
     for r in entry.records:
-        instances.setdefault(_instance(r), []).append(r)
+        instances.setdefault(_make_instance_key(r), []).append(r)
     false = sum(any(r.status in LIES for r in runs) for runs in instances.values())
     honest = [runs for runs in instances.values() if not any(r.status in LIES for r in runs)]
     found = (find_cheapest(runs, TARGET, compute_relative_error, lambda r: r.cpu_median_s) for runs in honest)
@@ -108,7 +116,7 @@ def _row(entry: Entry, label: str) -> RankedEntry:
         len(instances),
         false,
         average_geometrically(np.array(cheapest)),
-        tuple(_frontier(honest)),
+        tuple(_compute_frontier(honest)),
         fenced=entry.fenced,
     )
 
@@ -119,7 +127,7 @@ def compute_relative_error(r: RunRecord) -> float:
     return error if math.isfinite(error) else math.inf
 
 
-def _frontier(honest: Sequence[Sequence[RunRecord]]) -> list[tuple[float, Interval]]:
+def _compute_frontier(honest: Sequence[Sequence[RunRecord]]) -> list[tuple[float, Interval]]:
     """Return error and cost [s] of each setting: geometric means over its successes on the instances given.
 
     ``honest`` are the runs of each instance that has no false success. Errors are relative to the length scale.
@@ -152,10 +160,10 @@ def average_geometrically(x: Float[np.ndarray, " n"]) -> Interval:
     return Interval(float(np.exp(logs.mean())), float(np.exp(low)), float(np.exp(high)))
 
 
-def _leads(row: RankedEntry, rows: Sequence[RankedEntry]) -> bool:
-    """Return whether an entry has a setting that no better or equal entry undercuts significantly at an error as small.
+def _is_leading(row: RankedEntry, rows: Sequence[RankedEntry]) -> bool:
+    """Return whether one of an entry's settings is undercut by none of the better or equal entries.
 
-    Better or equal means at least as many points.
+    These have at least as many points; they undercut it at an error as small, by a cost whose interval lies below.
     """
     others = [p for r in rows if r is not row and r.points >= row.points for p in r.frontier]
     return any(

@@ -58,7 +58,7 @@ class RefusedSubmission(ValueError):
 
 
 def read_submission(given: str) -> Submission:
-    """Return the submission in a file that marks one solver, or the solver of the catalogue with that name.
+    """Return the submission ``given``: a file that marks one solver, or the name of a solver of the catalogue.
 
     The file is imported in another, confined process only. Raise RefusedSubmission if it cannot be run.
     """
@@ -70,7 +70,7 @@ def read_submission(given: str) -> Submission:
         raise RefusedSubmission(f"{given} is no file and no solver of the catalogue")
     known = set(registry.solvers())
 
-    def look(send: Send) -> None:
+    def inspect_file(send: Send) -> None:
         """Import the file, confined, and send a list of (name, control, whether confined) of the solvers it marks."""
         fenced = confine_process(Path(place))
         registry.load_plugin(file)
@@ -79,7 +79,7 @@ def read_submission(given: str) -> Submission:
 
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
         ended = ForkedProcess(
-            look, limit=CPU_LIMIT, memory=MEMORY
+            inspect_file, limit=CPU_LIMIT, memory=MEMORY
         ).wait()  # code generation counts, as in each of its runs
     try:
         ((name, control, fenced),) = json.loads(ended.sent)
@@ -93,7 +93,7 @@ def read_submission(given: str) -> Submission:
 
 
 def _can_fence() -> bool:
-    """Return whether this system can confine a process, which is tried in a process of its own."""
+    """Return whether this system can confine a process, by trying it in a process of its own."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
         ended = ForkedProcess(
             lambda send: send(str(confine_process(Path(place)))), limit=CPU_LIMIT, memory=MEMORY
@@ -141,9 +141,9 @@ def run_submission(
 ) -> list[RunRecord]:
     """Run a submission on its instances, measure the motions, and return the records, stored in ``folder``.
 
-    ``steps`` replace the ladder's steps or tolerances, ``repeats`` is the number of solves of each run for its cost,
-    and ``blind`` a process that is already started. All is solved before anything is measured: no reference of these
-    instances is on any disk while a submission runs.
+    Instances follow from its digest and ``seed``. ``steps`` replace the ladder's steps or tolerances, ``repeats`` is
+    the number of solves of each run for its cost, and ``blind`` a process that is already started. All is solved before
+    anything is measured: no reference of these instances is on any disk while a submission runs.
     """
     if blind is None:
         with BlindWorker() as own:
@@ -151,19 +151,19 @@ def run_submission(
     store.create_folder(folder)
     values = STEPS[submission.control] if steps is None else steps
     jobs = [
-        _job(submission, instance, value, folder.resolve())
+        _make_job(submission, instance, value, folder.resolve())
         for instance in draw_instances(submission.digest, seed, kinds)
         for value in values
     ]
     for job in jobs:
         job.stderr.parent.make_folder()
-    runs = [_SolvedRun(job, [_solve(blind, submission, job) for _ in range(repeats)]) for job in jobs]
+    runs = [_SolvedRun(job, [_solve_blind(blind, submission, job) for _ in range(repeats)]) for job in jobs]
     fenced = submission.fenced and all(ended.sent == FENCED for run in runs for ended in run.ended)
-    (ConfinedPath(folder) / "suite.toml").write(_describe(submission, seed, fenced=fenced))
+    (ConfinedPath(folder) / "suite.toml").write(_format_suite(submission, seed, fenced=fenced))
     return [_measure_in_process(run) for run in runs]
 
 
-def _describe(submission: Submission, seed: str, *, fenced: bool) -> str:
+def _format_suite(submission: Submission, seed: str, *, fenced: bool) -> str:
     """Return the text of ``suite.toml``: the submission's name and digest, the seed, and whether it was confined."""
     about = {
         "name": "ladder",
@@ -175,7 +175,7 @@ def _describe(submission: Submission, seed: str, *, fenced: bool) -> str:
     return "".join(f"{key} = {json.dumps(value)}\n" for key, value in about.items())
 
 
-def _job(submission: Submission, instance: Instance, value: float, folder: Path) -> Job:
+def _make_job(submission: Submission, instance: Instance, value: float, folder: Path) -> Job:
     """Return the job of a submission on one instance, with the step or tolerance ``value``."""
     given: dict[str, Any] = {submission.control: value}
     control = StepControl(**given)
@@ -183,15 +183,18 @@ def _job(submission: Submission, instance: Instance, value: float, folder: Path)
     return Job(spec, folder, "ladder", submission.digest, environment.read_commit(), lossless=True)
 
 
-def _problem(job: Job) -> Problem:
+def _make_problem(job: Job) -> Problem:
     """Return the problem of a job with its true numbers, from the registry."""
     return registry.make_problem(job.spec.problem, job.spec.parameters)
 
 
-def _solve(blind: BlindWorker, submission: Submission, job: Job) -> ProcessEnd:
-    """Solve a job's problem blind, copy the outcome to the job's handover file, and return how the process ended."""
+def _solve_blind(blind: BlindWorker, submission: Submission, job: Job) -> ProcessEnd:
+    """Solve a job's problem blind, copy the outcome to the job's handover file, and return how the process ended.
+
+    The file is not written if there is no outcome.
+    """
     control = replace(job.spec.control, cpu_limit=SOFT * CPU_LIMIT)
-    hidden = hide_problem(_problem(job), control)
+    hidden = hide_problem(_make_problem(job), control)
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as place:
         task = BlindTask(
             *hidden, submission.name, submission.plugin, Path(place), job.stderr, CPU_LIMIT + GRACE, MEMORY
@@ -208,14 +211,14 @@ def _measure_in_process(run: _SolvedRun) -> RunRecord:
     References are computed for this run alone and not cached. A run that is not measured in time is unfinished.
     """
 
-    def work(send: Send) -> None:
-        """Measure the run, with references in a temporary folder, and send the record as one line."""
+    def measure(send: Send) -> None:
+        """Measure the run, with references in a temporary folder of this process, and send the record as one line."""
         with tempfile.TemporaryDirectory() as place:
             orbit.FOLDER = Path(place)
-            send(records.format_record(_measure(run)).replace("\n", " "))
+            send(records.format_record(_measure_run(run)).replace("\n", " "))
 
     native = run.job.spool.sibling("measuring.txt")
-    ended = ForkedProcess(work, limit=MEASURE_LIMIT, memory=MEMORY, stderr=native, code=CODE_LIMIT).wait()
+    ended = ForkedProcess(measure, limit=MEASURE_LIMIT, memory=MEMORY, stderr=native, code=CODE_LIMIT).wait()
     if ended.code == 0:
         return records.parse_record_json(ended.sent)
     record = record_unfinished(run.job, ended, math.nan, EndCause.MEASURE_LIMIT, MEASURE_LIMIT)
@@ -223,7 +226,7 @@ def _measure_in_process(run: _SolvedRun) -> RunRecord:
     return record
 
 
-def _measure(run: _SolvedRun) -> RunRecord:
+def _measure_run(run: _SolvedRun) -> RunRecord:
     """Measure the outcome of a run against its instance, store the record and return it.
 
     Without a handover the record says how the process ended; with one that is unreadable or has no claimed status, that
@@ -231,14 +234,14 @@ def _measure(run: _SolvedRun) -> RunRecord:
     generation, because a submission could report any of its own time as such.
     """
     job, ended = run.job, run.ended[-1]
-    problem = _problem(job)
+    problem = _make_problem(job)
     trim_output(job.stderr)
     cpu = select_repeat_times([e.cpu for e in run.ended])  # later runs may use what the first one prepared
     cost: dict[str, Any] = make_cost_columns(cpu, len(cpu))
     bare = replace(record_unfinished(job, ended, math.nan, EndCause.WALL_LIMIT, SLACK * CPU_LIMIT), **cost)
     outcome = Outcome(replace(bare, section=problem.section, t_end_s=problem.t_end), problem)
     try:
-        handed = handover.read(job.handover, hide_problem(problem, job.spec.control)[0].system, ended.cpu)
+        handed = handover.read_handover(job.handover, hide_problem(problem, job.spec.control)[0].system, ended.cpu)
     except FileError as error:
         handed = handover.report_exception(str(error))
     if handed is not None and handed.report.claimed is None:

@@ -27,12 +27,13 @@ class Frames:
 
     @staticmethod
     def compute(E: FlowEquations, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], tau: float) -> "Frames":
-        """Compute bases, orthonormal in the module's metric, of the changes of the states ``y`` that keep loops closed.
+        """Return bases, orthonormal in the module's metric, of the changes of the states ``y`` that keep loops closed.
 
         ``t`` [s] are the times, ``tau`` [s] is the weight of velocities.
         """
         T, H, slopes = E.evaluate_frame(t, y)
         nu = E.nu
+        # root^T root = H / M; unit takes coordinates that are orthonormal in H / M to changes of pose
         root = np.swapaxes(np.linalg.cholesky(H / np.sum(E.system.mass)), 1, 2)
         unit = np.linalg.inv(root)
         rows = np.concatenate((slopes[:, :, :nu] @ unit, slopes[:, :, nu:] @ unit / tau), axis=2)
@@ -46,11 +47,11 @@ class Frames:
         )
 
     def measure(self, dy: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n m"]:
-        """Return the coordinates [m] of small changes ``dy`` of the states, in the bases."""
+        """Return the coordinates [m] of small changes ``dy`` of the states in the bases."""
         return np.einsum("kij,kj->ki", self.coordinates, dy)
 
     def move(self, z: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n ny"]:
-        """Return the changes of the states that have coordinates ``z``: the inverse of ``measure``."""
+        """Return the changes of the states that have coordinates ``z`` [m]: the inverse of ``measure``."""
         return np.einsum("kij,kj->ki", self.basis, z)
 
 
@@ -61,6 +62,7 @@ class Continuity:
     """
 
     def __init__(self, A: Float[np.ndarray, "n m m"], w: Float[np.ndarray, " nodes"]) -> None:
+        """Factor B W^-1 B^T, which is block tridiagonal, by Cholesky's method."""
         self.A, self.w = A, w
         self._factors: list[tuple[np.ndarray, bool]] = []
         self._below: list[np.ndarray] = []
@@ -72,11 +74,11 @@ class Continuity:
             self._factors.append(cho_factor(S, lower=True, check_finite=False))
 
     def apply(self, z: Float[np.ndarray, "nodes m"]) -> Float[np.ndarray, "n m"]:
-        """Return B z, the changes of the gaps by corrections z."""
+        """Return B z, the changes of the gaps [m] by corrections ``z`` [m]."""
         return np.einsum("kij,kj->ki", self.A, z[:-1]) - z[1:]
 
     def find_least_corrections(self, b: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "nodes m"]:
-        """Return the corrections z of least sum of w_k |z_k|^2 with B z = b."""
+        """Return the corrections z [m] of least sum of w_k |z_k|^2 with B z = b, by the factor of B W^-1 B^T."""
         x, n = b.copy(), len(b)
         for k in range(1, n):
             x[k] -= self._below[k - 1].T @ x[k - 1]

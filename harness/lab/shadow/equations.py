@@ -24,7 +24,7 @@ from .lanes import LANES, pack_lanes, unpack_lanes, vectorise_functions
 if TYPE_CHECKING:
     from ...base.generated import Loop
 
-VERSION = 5  # of cached code: increase it when ``_functions`` changes
+VERSION = 5  # of cached code: increase it when ``_write_functions`` changes
 ARGUMENTS = {"about": 2, "rate": 4, "tangent": 5, "project": 4, "frame": 6, "bodies": 7}
 
 
@@ -32,11 +32,12 @@ class FlowEquations:
     """The functions of the module, compiled for a mechanism, on arrays with states along the first axis."""
 
     def __init__(self, system: MultibodySystem, tree: Tree) -> None:
+        """Write and compile the functions, or take them from the cache; raise ValueError for unsuitable mechanisms."""
         writer: ExpressionWriter = find_offer("expressions")
         self.system, self.tree = system, tree
         self.ny, self.nu = tree.nq + tree.nu, tree.nu
         key = f"shadow {VERSION}\0{writer.digest(system, tree)}"  # ValueError for mechanisms that it refuses
-        self._code = Code(lambda: _print(_functions(writer.write(system, tree))), key)
+        self._code = Code(lambda: _print_code(_write_functions(writer.write(system, tree))), key)
         self._functions = {name: self._code.function(name, n) for name, n in ARGUMENTS.items()}
         about = np.zeros(1)
         self._call("about", 1, about)
@@ -44,16 +45,16 @@ class FlowEquations:
         self.freedom = 2 * self.nu - self.rows
 
     def _call(self, name: str, n: int, *arrays: np.ndarray) -> None:
-        """Call the machine code of ``name`` for ``n`` states, with the memory of ``arrays``."""
+        """Call the machine code of the function ``name`` for ``n`` states, with the memory of ``arrays``."""
         count = np.array([n], dtype=np.int64)
         self._functions[name](count.ctypes.data, *(a.ctypes.data for a in arrays))
 
     def _map(self, name: str, t: np.ndarray, y: np.ndarray, *outputs: np.ndarray) -> None:
-        """Call the machine code of ``name`` for the states ``y`` at ``t``; it writes the ``outputs``."""
+        """Call the machine code of ``name`` for the states ``y`` at times ``t`` [s]; it fills the ``outputs``."""
         self._call(name, len(y), np.ascontiguousarray(t), np.ascontiguousarray(y), *outputs)
 
     def evaluate_rate(self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"]) -> Float[np.ndarray, "n ny"]:
-        """Return y_dot of the motion at each state."""
+        """Return y_dot of the motion at the states ``y`` at times ``t`` [s]."""
         lanes = [pack_lanes(a[None])[0] for a in (t[:, None], y)]
         out = np.empty(lanes[1].shape)
         self._call("rate", len(out), *lanes, out)
@@ -62,7 +63,7 @@ class FlowEquations:
     def evaluate_tangent(
         self, t: Float[np.ndarray, " n"], y: Float[np.ndarray, "n ny"], Y: Float[np.ndarray, "n m ny lanes"]
     ) -> Float[np.ndarray, "n m ny lanes"]:
-        """Return the derivative of y_dot along m times ``LANES`` directions ``Y`` at each state."""
+        """Return the derivative of y_dot at each state ``y`` along its directions ``Y``: m groups of ``LANES``."""
         x, Y = np.repeat(np.column_stack((t, y))[:, :, None], LANES, axis=2), np.ascontiguousarray(Y)
         first = np.repeat(np.arange(len(y), dtype=np.int64) * x.shape[1], Y.shape[1])
         out = np.empty(Y.shape)
@@ -92,13 +93,16 @@ class FlowEquations:
         return States(r, R, v, Omega, t)
 
 
-def _print(functions: "dict[str, Loop]") -> str:
-    """Return the LLVM IR of the functions; ``rate`` and ``tangent`` handle ``LANES`` states at a time."""
+def _print_code(functions: "dict[str, Loop]") -> str:
+    """Return the LLVM IR of the functions; ``rate`` and ``tangent`` handle ``LANES`` states at a time.
+
+    These two are removed from ``functions``.
+    """
     vector = vectorise_functions(print_functions({name: functions.pop(name) for name in ("rate", "tangent")}))
     return print_functions(functions) + vector
 
 
-def _functions(e: JointExpressions) -> "dict[str, Loop]":
+def _write_functions(e: JointExpressions) -> "dict[str, Loop]":
     """Return the functions of the module's list as symbolic loops over states, and ``about``, which counts the rows."""
     import casadi as ca
 
@@ -111,6 +115,7 @@ def _functions(e: JointExpressions) -> "dict[str, Loop]":
     v, Omega = (ca.vertcat(*(e.V[k + at : k + at + 3] for k in range(0, e.V.numel(), 6))) for at in (0, 3))
 
     def of_state(*outputs: ca.SX) -> Loop:
+        """Return a loop that stores ``outputs`` for each state (t, y)."""
         return Loop(rows=[t, y], stored=[ca.densify(ca.vec(a)) for a in outputs])
 
     return {

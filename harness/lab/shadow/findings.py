@@ -11,7 +11,10 @@ from .shadow import Shadow
 
 
 def describe_shadow(s: Shadow) -> list[Finding]:
-    """Return findings on a shadow: over which time a true motion was found, how near it is, and how it starts."""
+    """Return findings on a shadow: over which time a true motion was found, how near it is, and how it starts.
+
+    Without a shadow only the first three, which are judged, and plain counts are returned.
+    """
     C = s.distance
     at = f"at {s.t[int(np.argmax(np.max(C, axis=1)))]:.6g} s"
     most = ACCURATE["accurate_until_s"] * s.reach
@@ -47,7 +50,7 @@ def summarise_shadow(s: Shadow) -> dict[str, str | float]:
 
 
 def summarise_nearest(s: Shadow, m: ModifiedEnergy | None) -> NearestMotion:
-    """Return the numbers on shadow and modified energy that are stored beside a run."""
+    """Return the numbers on shadow and modified energy that are stored with a run; None for those that do not exist."""
     swing = None if m is None else m.energy_range / m.scale
     if not s.until > 0.0:
         return NearestMotion(modified_energy=swing)
@@ -62,7 +65,7 @@ def describe_extent(s: Shadow) -> str:
 
 
 def describe_energy(m: ModifiedEnergy) -> list[Finding]:
-    """Return findings on a modified energy: its range as a share of the energy scale, and the verdict from that.
+    """Return findings on a modified energy: its range as a fraction of the energy scale, and the verdict from that.
 
     The verdict is ``symplectic: yes`` where the range is below ``SYMPLECTIC`` of the scale.
     """

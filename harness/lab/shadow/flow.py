@@ -27,10 +27,10 @@ def integrate_flow(
     tolerance: float = TOLERANCE,
     most: int = MOST_STEPS,
 ) -> Float[np.ndarray, "n ny"]:
-    """Integrate from the states ``y`` at t to t + h [s], doubling ``steps`` in place; return the states there.
+    """Return the states at t + h [s] by integration from the states ``y`` at t; increase ``steps`` in place.
 
-    ``steps`` of each segment are doubled, up to ``most``, until the error of a step is below ``tolerance``. States are
-    NaN where that is not reached.
+    The number of steps of each segment, ``steps``, is doubled, up to ``most``, until the error of a step is below
+    ``tolerance``. States are NaN where that is not reached.
     """
     out, left = np.full_like(y, np.nan), np.arange(len(y))
     while len(left):
@@ -57,7 +57,7 @@ def transport_changes(
 ) -> Float[np.ndarray, "n m ny"]:
     """Return the small changes of the states at t + h [s] that the changes ``Y`` of those at t cause.
 
-    ``steps`` are those that ``integrate_flow`` needed.
+    ``steps`` are those that ``integrate_flow`` needed for each segment; one in ``COARSER`` is taken here.
     """
     few, lanes = -(-steps // COARSER), pack_lanes(Y)
     size = max(1, TOGETHER // lanes[0].size)
@@ -69,7 +69,7 @@ def transport_changes(
 
 
 def _march(E: FlowEquations, t: np.ndarray, h: np.ndarray, y: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return y after n steps of h [s] of DOP853, and the largest error of a step, relative to 1 + |y|."""
+    """Return y after n steps of h [s] of DOP853, and the largest estimated error of a step, relative to 1 + |y|."""
     K = np.empty((len(DOPRI853.b) + 1, *y.shape))
     K[0] = E.evaluate_rate(t, y)
     worst = np.zeros(len(y))
@@ -99,19 +99,23 @@ def _transport_steps(
 def _take_stages(
     rate: Callable[..., Arrays], t: np.ndarray, h: np.ndarray, parts: Arrays, slopes: Arrays, first: int = 0
 ) -> Arrays:
-    """Evaluate the stages of a step of DOP853 from the ``first`` on into ``slopes``; return the parts at its end."""
+    """Evaluate the stages of a step of DOP853 from the ``first`` on into ``slopes``; return the state at its end.
+
+    A state is a list of arrays, ``parts``, of which ``rate(t, *parts)`` returns the rates; ``slopes`` has those of each
+    stage, for each part.
+    """
     steps, state = [h.reshape(-1, *[1] * (x.ndim - 1)) for x in parts], parts
 
-    def combine(s: None, weights: np.ndarray, n: int, h: np.ndarray) -> None:
+    def combine_slopes(s: None, weights: np.ndarray, n: int, h: np.ndarray) -> None:
         """Set the state to the parts at the start and h times the weighted sum of the first n slopes."""
         nonlocal state
         sums = (np.tensordot(weights[:n], K[:n], 1) for K in slopes)
         state = [x + step * total for x, step, total in zip(parts, steps, sums, strict=True)]
 
-    def slope(s: None, t: np.ndarray, i: int) -> None:
+    def store_slopes(s: None, t: np.ndarray, i: int) -> None:
         """Store the slopes of the state at t as those of stage i."""
         for K, found in zip(slopes, rate(t, *state), strict=True):
             K[i] = found
 
-    evaluate_stages(None, DOPRI853, t, h, first, combine, slope)
+    evaluate_stages(None, DOPRI853, t, h, first, combine_slopes, store_slopes)
     return state

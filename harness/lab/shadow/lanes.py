@@ -22,7 +22,10 @@ def unpack_lanes(a: Float[np.ndarray, "n groups k lanes"], m: int) -> Float[np.n
 
 
 def vectorise_functions(ir: str) -> str:
-    """Return the LLVM IR of the same functions with ``LANES`` numbers in place of each number."""
+    """Return the LLVM IR ``ir`` of functions of numbers with ``LANES`` numbers in place of each number.
+
+    External functions, such as those of libm, are called once for each of these.
+    """
     lines = []
     for line in ir.splitlines():
         if "icmp" in line or "br i1" in line:  # concerns the count of elements

@@ -62,7 +62,10 @@ class LongMotion:
         return self.recipe.rods.state(q, u, to_fixed_point(self.t[k], bits), bits)
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """Return the motion at increasing times [s] up to the horizon, accurate to its error plus 1e-12 m."""
+        """Return the motion at increasing times [s] up to the horizon, accurate to its error plus 1e-12 m.
+
+        It is integrated from the stored state before each time. Raise ValueError for other times.
+        """
         if len(t) and not (t[0] >= 0.0 and t[-1] <= self.horizon and np.all(np.diff(t) > 0.0)):
             raise ValueError(f"times must increase, from 0 to {self.horizon:g} s")
         bits = READ[1]
@@ -85,14 +88,14 @@ class LongMotion:
 def load_long_motion(problem: str) -> LongMotion:
     """Load the stored motion of a problem; raise ValueError where its digest is wrong."""
     stored = json.loads((STORED / f"{problem}.json").read_text())
-    motion = _collect(problem, stored)
+    motion = _parse_motion(problem, stored)
     if motion.compute_digest() != stored["sha256"]:
         raise ValueError(f"{problem}.json is damaged: its digest is not that of its states")
     return motion
 
 
-def _collect(problem: str, plain: dict[str, Any]) -> LongMotion:
-    """Convert the content of a file to the motion."""
+def _parse_motion(problem: str, plain: dict[str, Any]) -> LongMotion:
+    """Return the motion of a problem from the content of its file, ``plain``."""
     q, u = (tuple(tuple(r) for r in plain[name]) for name in ("q", "u"))
     return LongMotion(problem, tuple(map(Fraction, plain["t"])), q, u, tuple(plain["difference"]))
 
@@ -106,6 +109,7 @@ class Integration:
     """A run, the first or the second, which ``integrate_to`` continues from the start or from the numbers ``saved``."""
 
     def __init__(self, recipe: RodProblem, formulation: str, bits: int, saved: dict[str, Any] | None = None) -> None:
+        """Begin at the start of the problem with ``bits``, or at the state in ``saved``, as ``save`` returns it."""
         self._mechanism, self._formulation, self._most = recipe.rods.make_mechanism(), formulation, bits
         self._bits_lost_per_second = recipe.lost
         self.flow = PlaneFlow(self._mechanism, formulation, bits)
@@ -122,8 +126,11 @@ class Integration:
         return {"bits": self.flow.bits, "t": self.now.t, "X": self.now.X, "V": self.now.V, "unit": self.flow.unit}
 
     def integrate_to(self, t: Fraction) -> Iterator[PreciseState | None]:
-        """Yield None after each step, so that a caller can stop, and finally the state at ``t`` [s]."""
-        self._round(max(FEWEST, self._most - int(self._bits_lost_per_second * t)))
+        """Yield None after each step, so that a caller can stop, and finally the state at ``t`` [s].
+
+        The precision is first reduced to the bits that chaos leaves meaningful at that time.
+        """
+        self._reduce_precision(max(FEWEST, self._most - int(self._bits_lost_per_second * t)))
         at = to_fixed_point(t, self.flow.bits)
         if self.now.t == at == 0:
             yield self.now
@@ -134,7 +141,7 @@ class Integration:
                 self.now = p
                 yield None if p.t < at else reached
 
-    def _round(self, bits: int) -> None:
+    def _reduce_precision(self, bits: int) -> None:
         """Round the state and continue with fewer ``bits``: chaos has made the others meaningless."""
         drop, unit = self.flow.bits - bits, self.flow.unit
         X, V = ([[x >> drop for x in body] for body in part] for part in (self.now.X, self.now.V))
@@ -148,7 +155,8 @@ class Integration:
 def make_long_motion(problem: str, t_end: Fraction, stored: Path, budget: float) -> None:
     """Create or continue the file of a problem in the folder ``stored`` up to ``t_end`` [s], and print the progress.
 
-    It ends early once ``budget`` [s] of CPU time is spent, or the runs differ by more than ``AGREED``.
+    It ends early once ``budget`` [s] of CPU time is spent, or the runs differ by more than ``AGREED``. What is needed
+    to continue is kept beside it, in ``*.work.json``.
     """
     recipe, work, path = RECIPES[problem](), stored / f"{problem}.work.json", stored / f"{problem}.json"
     begun: dict[str, Any] = {"runs": [None, None], "t": [], "q": [], "u": [], "difference": []}
@@ -173,21 +181,21 @@ def make_long_motion(problem: str, t_end: Fraction, stored: Path, budget: float)
         for name, row in zip(("q", "u"), recipe.rods.find_coordinates(first, bits), strict=True):
             saved[name].append([a.mid().str(digits, radius=False) for a in row])
         saved["runs"] = [run.save() for run in runs]
-        _write(path, _collect(problem, saved))
+        _write_motion(path, _parse_motion(problem, saved))
         write_text(work, json.dumps(saved))
         sys.stdout.write(f"{float(t):g} s, difference {difference:.1e} m, {time.process_time():.0f} s of CPU\n")
         sys.stdout.flush()
 
 
 def measure_difference(a: tuple[PreciseState, int], b: tuple[PreciseState, int]) -> float:
-    """Measure the largest difference [m] of two states with their bits, in positions and directions times 1 m."""
+    """Return the largest difference [m] of two states with their bits, in positions and directions times 1 m."""
     (p, bits_p), (r, bits_r) = sorted((a, b), key=lambda pair: pair[1])
     pairs = ((x, y) for X, Y in zip(p.X, r.X, strict=True) for x, y in zip(X, Y, strict=True))
     return max(abs((x << bits_r - bits_p) - y) for x, y in pairs) / 2.0**bits_r
 
 
-def _write(path: Path, motion: LongMotion) -> None:
-    """Write the file of a motion: how to make it, its digest and its numbers."""
+def _write_motion(path: Path, motion: LongMotion) -> None:
+    """Write the file of a motion: the command that makes it, its digest and its numbers."""
     command = f"python -m mbsbench.harness.lab.shadow.long_motion {motion.problem} {motion.horizon:g}"
     head = {"recipe": {"command": command, "first": FIRST, "second": SECOND}, "sha256": motion.compute_digest()}
     body = {"t": [str(t) for t in motion.t], "q": motion.q, "u": motion.u, "difference": motion.difference}
@@ -195,7 +203,7 @@ def _write(path: Path, motion: LongMotion) -> None:
 
 
 def main() -> None:
-    """Run the command of the module."""
+    """Run the command of the module: create or continue the file of a problem."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("problem", choices=list(RECIPES))
     parser.add_argument("t_end", type=Fraction, help="[s]")

@@ -49,7 +49,7 @@ class ModifiedEnergy:
 def find_modified_energy(problem: Problem, trajectory: Trajectory) -> ModifiedEnergy:
     """Return the modified energy by the order of differences for which it varies least.
 
-    Raise ValueError where it is undefined, as ``compute_modified_energy``.
+    Raise ValueError where ``compute_modified_energy`` does.
     """
     found = (compute_modified_energy(problem, trajectory, order) for order in range(2, LARGEST_ORDER + 1, 2))
     return min(found, key=lambda m: m.energy_range)
@@ -69,7 +69,7 @@ def compute_modified_energy(problem: Problem, trajectory: Trajectory, order: int
     if not system.is_conservative:
         raise ValueError("it needs a conservative system")
     inner = slice(n, len(t) - n)
-    S = np.concatenate(([0.0], np.cumsum(_actions(problem, s, h))))
+    S = np.concatenate(([0.0], np.cumsum(_compute_actions(problem, s, h))))
     R_dot = np.swapaxes(s.R[inner], 2, 3) @ differentiate(s.R, h, order, n)
     rate = np.stack((R_dot[..., 2, 1], R_dot[..., 0, 2], R_dot[..., 1, 0]), axis=-1)
     p = system.mass[:, None] * s.v[inner]
@@ -79,8 +79,11 @@ def compute_modified_energy(problem: Problem, trajectory: Trajectory, order: int
     return ModifiedEnergy(t[inner], H, energy(system, s.at(inner)), order, size)
 
 
-def _actions(problem: Problem, s: States, h: float) -> Float[np.ndarray, " steps"]:
-    """Return the discrete action of each step of h [s], S_n+1 - S_n [J s]."""
+def _compute_actions(problem: Problem, s: States, h: float) -> Float[np.ndarray, " steps"]:
+    """Return the discrete action of each step of h [s], S_n+1 - S_n [J s].
+
+    Raise ValueError for bodies that nutate and are not symmetric, or turn too far in a step.
+    """
     system = problem.system
     turned = Rotation.from_matrix((np.swapaxes(s.R[:-1], 2, 3) @ s.R[1:]).reshape(-1, 3, 3)).as_rotvec()
     turned = turned.reshape(len(s) - 1, system.nb, 3)
@@ -123,7 +126,10 @@ def _compute_nutation_energy(
 
 
 def differentiate(a: Float[np.ndarray, "nt ..."], h: float, order: int, n: int) -> Float[np.ndarray, "inner ..."]:
-    """Return the rate of ``a``, recorded with step h [s], by central differences at all rows but n at either end."""
+    """Return the rate of ``a``, recorded with step h [s], by central differences of this order.
+
+    It is given at all rows but ``n`` at either end.
+    """
     half = order // 2
     k = np.arange(1, half + 1)
     weights = np.linalg.solve(

@@ -13,7 +13,10 @@ PLANE = 1e-6  # relative to the extent of the motion: one that leaves the plane 
 
 
 def is_planar_motion(problem: Problem, states: States, reach: float) -> bool:
-    """Return whether the exact motion is planar and the computed one stays in that plane, to ``PLANE`` of ``reach``."""
+    """Return whether the exact motion is planar and the computed one leaves that plane by less than ``PLANE``.
+
+    ``PLANE`` is relative to ``reach`` [m], the extent of the motion.
+    """
     if problem.planar_normal is None:
         return False
     at_home = problem.home(states)
@@ -21,7 +24,10 @@ def is_planar_motion(problem: Problem, states: States, reach: float) -> bool:
 
 
 def add_hinges(system: MultibodySystem, start: State, normal: np.ndarray) -> MultibodySystem:
-    """Return the system with a revolute joint along ``normal`` [space] in place of each spherical one."""
+    """Return the system with a revolute joint along ``normal`` [space] in place of each spherical one.
+
+    Axes are fixed to the bodies as they are at ``start``.
+    """
     sort, axes, u, n = (a.copy() for a in (system.joint_sort, system.joint_axes, system.joint_u, system.joint_n))
     across = np.linalg.svd(normal[None])[2][1:]
     for k in np.flatnonzero(sort == KINDS.index(JointKind.SPHERICAL)):

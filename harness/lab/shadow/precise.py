@@ -35,7 +35,7 @@ CLOSING = 4  # Newton steps to close loops at the start, each of which doubles t
 
 
 def round_states(times: Sequence[Fraction], poses: Sequence[Sums]) -> States:
-    """Return the poses and velocities of ``PreciseFlow.compute_poses``, at these times [s], rounded to doubles."""
+    """Return the ``poses`` of ``PreciseFlow.compute_poses`` at these ``times`` [s] as states, rounded to doubles."""
     x = np.array(poses)[:, :, 0]
     nb = x.shape[1] // 18
     r, R, V = x[:, : 3 * nb], x[:, 3 * nb : 12 * nb], x[:, 12 * nb :].reshape(-1, nb, 6)
@@ -75,26 +75,27 @@ class PreciseFlow:
         return np.concatenate((x[:1], self._close.evaluate(x)))
 
     def compute_poses(self, x: Sums) -> Sums:
-        """Return r, R by rows, then (v, Omega) by bodies, of the state x, as one column of sums."""
+        """Return r, R by rows, then (v, Omega) by bodies, of the state x, as one column of sums of doubles."""
         return self._poses.evaluate(x)
 
     def march(self, times: Sequence[Fraction]) -> Iterator[Sums]:
         """Yield the states at ``times`` [s], integrated from the start; decreasing times are integrated backwards."""
 
         def expand(x: Sums, t: Fraction) -> Fraction:
+            """Expand the series about the state x at time t [s], which is set exactly; return the step [s]."""
             x[0] = split_doubles(t)
             self._rate.expand(x)
             self.steps += 1
-            return self._step()
+            return self._choose_step()
 
         evaluate = lambda t, time: self.close_loops(self._rate.sum_series(time - t))  # noqa: E731
         steps = march_by_series(self.start, sum_exactly(self.start[0]), times[-1], times, expand, evaluate)
         yield from (x for x, asked in steps if asked)
 
-    def _step(self) -> Fraction:
+    def _choose_step(self) -> Fraction:
         """Return the length [s] of the next step: the estimated radius of convergence over a little more than e^2.
 
-        Jorba and Zou, Sect. 3.2. Raise ArithmeticError if the series is not finite.
+        Source: Jorba and Zou, Sect. 3.2. Raise ArithmeticError if the series is not finite.
         """
         p, scale = self.order, max(1.0, self._rate.find_largest_coefficient(0))
         radius = min(
@@ -106,31 +107,34 @@ class PreciseFlow:
 
 
 def measure_difference(a: Sums, b: Sums) -> float:
-    """Return the largest difference of two states or poses, as sums of doubles whose leading ones are close."""
+    """Return the largest difference of two states or poses, given as sums of doubles whose leading ones are close."""
     return float(np.max(np.abs(np.sum(a - b, axis=1))))
 
 
 def make_precise_motion(
     problem: Problem, t_end: Fraction, bits: int, rows: int
 ) -> tuple[States, np.ndarray, PreciseFlow]:
-    """Compute a motion at ``rows`` even times up to ``t_end`` [s]; return it, its error up to each time, and the flow.
+    """Return a motion at ``rows`` even times up to ``t_end`` [s], its error up to each time, and its flow.
 
-    Raise ArithmeticError if the motion does not stay finite.
+    The error is ``SAFETY`` times the largest difference, in r [m] and R, from a second run with longer steps. Raise
+    ArithmeticError if the motion does not stay finite.
     """
     times = [k * t_end / (rows - 1) for k in range(rows)]
     flow, rough = (PreciseFlow(problem.system, problem.initial, bits, TOLERANCE[bits] * c) for c in (1, LOOSER))
-    poses, apart, own = [], [0.0], slice(12 * problem.system.nb)
+    poses, difference, of_pose = [], [0.0], slice(12 * problem.system.nb)
     for x, y in zip(flow.march(times), rough.march(times), strict=True):
         poses.append(flow.compute_poses(x))
         # ``np.maximum`` propagates a NaN
-        apart.append(np.maximum(apart[-1], measure_difference(poses[-1][own], rough.compute_poses(y)[own])))
-    if not np.isfinite(apart[-1]):
+        difference.append(
+            np.maximum(difference[-1], measure_difference(poses[-1][of_pose], rough.compute_poses(y)[of_pose]))
+        )
+    if not np.isfinite(difference[-1]):
         raise ArithmeticError("the motion is no longer finite: give a shorter time")
-    return round_states(times, poses), SAFETY * np.array(apart[1:]), flow
+    return round_states(times, poses), SAFETY * np.array(difference[1:]), flow
 
 
 def main() -> None:
-    """Run the command of the module."""
+    """Run the command of the module: write the motion of a problem, with its error, as an NPZ file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("problem", help="name of a problem, or a mechanism's file")
     parser.add_argument("t_end", help="[s], as 2, 0.5 or 1/3")

@@ -56,6 +56,7 @@ class Refinement:
     def __init__(
         self, E: FlowEquations, t: Float[np.ndarray, " nodes"], given: Float[np.ndarray, "nodes ny"], tau: float
     ) -> None:
+        """Begin with the states ``given`` at times ``t`` [s], with closed loops; ``tau`` [s] weighs velocities."""
         self.E, self.t, self.given, self.tau, self.iterations = E, t, given, tau, 0
         self._h = np.diff(t)
         w = 0.5 * (np.append(self._h, 0.0) + np.insert(self._h, 0, 0.0))
@@ -94,17 +95,18 @@ class Refinement:
         largest = float(np.max(np.linalg.norm(self.gaps, axis=1)))
         return largest if np.isfinite(largest) else np.inf
 
-    def close(self, linear: Continuity | None = None) -> bool:
+    def close_gaps(self, linear: Continuity | None = None) -> bool:
         """Close the gaps by corrections of the nodes; return whether that succeeded.
 
-        ``linear`` are conditions from known tangents, which saves computing the first ones.
+        ``linear`` are conditions from known tangents, which saves computing the first ones. False also where the
+        mechanism is singular.
         """
         try:
-            return self._close(Corrections(linear))
+            return self._close_gaps(Corrections(linear))
         except np.linalg.LinAlgError:  # raised where the mechanism is singular
             return False
 
-    def _close(self, c: Corrections) -> bool:
+    def _close_gaps(self, c: Corrections) -> bool:
         """Close the gaps by at least one correction of the given motion, and return whether that succeeded.
 
         Without a correction an accurate motion would be its own shadow. Raise LinAlgError where the mechanism is
@@ -115,9 +117,10 @@ class Refinement:
         return np.isfinite(self.gap) and iterate(c, self._correct, self._classify, MOST_ITERATIONS)
 
     def _correct(self, c: Corrections, i: int, stale: bool) -> float:
-        """Correct the nodes once, damped until the next correction is smaller; return the largest gap [m].
+        """Correct the nodes once, and return the largest gap that is left [m].
 
-        It is infinite where that is not so even with the least damping.
+        The correction is halved until the next one is smaller by enough; the gap is infinite where the least damping
+        does not suffice. Tangents that are missing or ``stale`` are computed first. The index ``i`` is unused.
         """
         if c.linear is None or stale:
             c.linear, c.tangents, c.z = self._linearise(), c.tangents - 1, None
@@ -140,7 +143,11 @@ class Refinement:
         return np.inf
 
     def _classify(self, c: Corrections, i: int, size: float, last: float) -> int:
-        """Return whether the gaps are closed, cannot be closed, or remain: with new tangents where these pay."""
+        """Return whether the gaps, of which the largest is ``size`` [m], are closed, cannot be closed, or remain.
+
+        The codes are those of ``iterate``: if gaps remain, STALE asks for new tangents where these pay. ``i`` and
+        ``last`` are unused.
+        """
         if not np.isfinite(size):
             return FAILED
         if self._is_closed(c):
@@ -151,25 +158,28 @@ class Refinement:
         return STALE if c.tangents else FAILED
 
     def _is_closed(self, c: Corrections) -> bool:
-        """Return whether no gap is too large, with ``rough`` relative to the distance from the given motion."""
+        """Return whether the largest gap is below ``CLOSED`` or, for ``rough``, ``NEARLY`` times the distance."""
         if not c.rough or c.linear is None:
             return self.gap < CLOSED
         return self.gap < max(CLOSED, NEARLY * self._measure_distance(c.linear))
 
     def _measure_distance(self, linear: Continuity) -> float:
-        """Return the distance [m] from the given motion."""
+        """Return the distance [m] of the nodes from the given motion, in the metric."""
         return linear.measure_size(self.frames.measure(self.y - self.given))
 
-    def approach(self) -> None:
+    def approach_nearest(self) -> None:
         """Move a closed motion towards the nearest true one; restore it if the gaps cannot be closed again."""
         before = self.y
-        linear = self._approach()
+        linear = self._search_nearest()
         self._set_nodes(self.y)
-        if not self.close(linear):
+        if not self.close_gaps(linear):
             self._set_nodes(before)
 
-    def _approach(self) -> Continuity | None:
-        """Approach the nearest motion by conjugate directions; return the last conditions if valid at the nodes."""
+    def _search_nearest(self) -> Continuity | None:
+        """Approach the nearest motion by conjugate directions; return the last linearised conditions, or None.
+
+        They are returned if they hold at the nodes where the search stops, which saves computing them again.
+        """
         damping, direction, last = 1.0, np.zeros_like(self.y), np.inf
         for _ in range(MOST_APPROACHES):
             linear = self._linearise()
@@ -185,7 +195,7 @@ class Refinement:
             if not slope > 0.0:
                 z, slope = along, steepest**2
             direction, last = self.frames.move(z), steepest
-            while not (after := self._step(linear, y + damping * direction)) < before:
+            while not (after := self._close_after_move(linear, y + damping * direction)) < before:
                 damping *= 0.5
                 if damping < LEAST_DAMPING:
                     self._set_nodes(y)
@@ -196,8 +206,8 @@ class Refinement:
             damping = min(1.0, slope * damping**2 / bend) if bend > 0.0 else 1.0
         return None
 
-    def _step(self, linear: Continuity, y: np.ndarray) -> float:
-        """Move to the motion ``y`` and close its gaps between pieces by undamped corrections of ``linear``.
+    def _close_after_move(self, linear: Continuity, y: np.ndarray) -> float:
+        """Move the nodes to ``y`` and close the gaps by undamped corrections with the conditions ``linear``.
 
         Return the distance [m] from the given motion; infinite where gaps remain: the caller must then place the motion
         anew. Counts an iteration.
@@ -205,7 +215,7 @@ class Refinement:
         steps = self._steps[True].copy()
         self._set_nodes(y, rough=True)
         self.iterations += 1
-        if self._close(Corrections(linear, rough=True)):
+        if self._close_gaps(Corrections(linear, rough=True)):
             return self._measure_distance(linear)
         self._steps[True] = steps  # a motion that went astray took many steps
         return np.inf

@@ -45,11 +45,11 @@ class Rods:
                 ends = {}
                 if k:
                     above = self.rods[k - 1]
-                    ends[k0 + k - 1] = _point(above.length - above.centre, ONE, lane)
+                    ends[k0 + k - 1] = _make_factors(above.length - above.centre, ONE, lane)
                 elif self.cart is not None:
-                    ends[0] = _point(NONE, ONE, lane)
+                    ends[0] = _make_factors(NONE, ONE, lane)
                 if k < len(self.rods):
-                    ends[k0 + k] = _point(-self.rods[k].centre, -ONE, lane)
+                    ends[k0 + k] = _make_factors(-self.rods[k].centre, -ONE, lane)
                 rows.append(ends)
         mass, inertia = [r.mass for r in self.rods], [r.inertia for r in self.rods]
         if self.cart is not None:
@@ -58,7 +58,7 @@ class Rods:
         return PlaneMechanism(mass, inertia, rows, self.gravity)
 
     def state(self, q: list[flint.arb], u: list[flint.arb], t: int, bits: int) -> PreciseState:
-        """Return the state at ``t`` [s, 2^-bits] in units of 2^-bits, from coordinates q and rates u.
+        """Return the state at ``t`` [2^-bits s], in units of 2^-bits, from coordinates q and rates u.
 
         They are the angles of the rods to OX [rad], after x [m] of the cart where there is one.
         """
@@ -72,18 +72,22 @@ class Rods:
                 rates.append([v_x, zero, zero, zero])
             for rod, angle, w in zip(self.rods, q, u, strict=True):
                 s, c = angle.sin_cos()
-                near, whole = _ball(rod.centre), _ball(rod.length)
+                near, whole = _to_ball(rod.centre), _to_ball(rod.length)
                 values.append([x + near * c, y + near * s, c, s])
                 rates.append([v_x - near * w * s, v_y + near * w * c, -w * s, w * c])
                 x, y, v_x, v_y = x + whole * c, y + whole * s, v_x - whole * w * s, v_y + whole * w * c
-            return PreciseState(t, *([[_integer(a, bits) for a in body] for body in part] for part in (values, rates)))
+            return PreciseState(
+                t, *([[_to_fixed_point(a, bits) for a in body] for body in part] for part in (values, rates))
+            )
 
     def find_coordinates(self, p: PreciseState, bits: int) -> tuple[list[flint.arb], list[flint.arb]]:
         """Return q and u from a state in units of 2^-bits: the inverse of ``state``, with angles in (-pi, pi]."""
         q, u = [], []
         with flint.ctx.workprec(bits + SPARE):
             for b, (values, rates) in enumerate(zip(p.X, p.V, strict=True)):
-                (x, _, c, s), (v, _, c_dot, s_dot) = ([_real(a, bits) for a in part] for part in (values, rates))
+                (x, _, c, s), (v, _, c_dot, s_dot) = (
+                    [_from_fixed_point(a, bits) for a in part] for part in (values, rates)
+                )
                 at_cart = b == 0 and self.cart is not None
                 q.append(x if at_cart else flint.arb.atan2(s, c))
                 u.append(v if at_cart else c * s_dot - s * c_dot)
@@ -100,9 +104,9 @@ class RodProblem:
     lost: int  # approximate loss of bits per second by chaos, by which the number of bits decreases with time
 
 
-def _chain() -> RodProblem:
+def _make_chain() -> RodProblem:
     """Return the recipe of the problem ``chain``: fifteen bars with both ends fixed."""
-    bar = _bar(ONE, Fraction("0.3048"))
+    bar = _make_bar(ONE, Fraction("0.3048"))
 
     def start() -> tuple[list[flint.arb], list[flint.arb]]:
         """Return the start of three static spans: tan(angle) = lever a, five cosines sum to 3 (problems/chain.py)."""
@@ -113,17 +117,17 @@ def _chain() -> RodProblem:
             a = (a - (1 + 2 * sum(cosines) - 3) / slope).mid()
         return [(lever * a).atan() for lever in (-2, -1, 0, 1, 2)] * 3, [flint.arb(0)] * 15
 
-    return RodProblem(Rods((bar,) * 15, Fraction("9.81"), end=9 * bar.length), start, _bars, 7)
+    return RodProblem(Rods((bar,) * 15, Fraction("9.81"), end=9 * bar.length), start, _convert_bars, 7)
 
 
-def _cart_pendulum() -> RodProblem:
+def _make_cart_pendulum() -> RodProblem:
     """Return the recipe of the problem ``cart_pendulum``: two bars below a cart, at rest."""
-    bar = _bar(Fraction(1, 2), Fraction(1, 2))
+    bar = _make_bar(Fraction(1, 2), Fraction(1, 2))
     nothing = [flint.arb(0)] * 3
-    return RodProblem(Rods((bar, bar), Fraction("9.81"), cart=ONE), lambda: (nothing, nothing), _bars, 3)
+    return RodProblem(Rods((bar, bar), Fraction("9.81"), cart=ONE), lambda: (nothing, nothing), _convert_bars, 3)
 
 
-def _four_bar_grid() -> RodProblem:
+def _make_four_bar_grid() -> RodProblem:
     """Return the recipe of ``four_bar_grid``: each row, six uprights and five bars of 1 kg, moves as one rod."""
     upright, across = Fraction(6), Fraction(5)
     mass = upright + across
@@ -142,8 +146,8 @@ def _four_bar_grid() -> RodProblem:
     return RodProblem(Rods((Rod(mass, ONE, centre, inertia),) * 5, Fraction("9.81")), start, bodies, 3)
 
 
-def _bars(X: np.ndarray, V: np.ndarray) -> States:
-    """Return the motion of all bodies from x, y, c, s and their rates, with the frames of ``planar``.
+def _convert_bars(X: np.ndarray, V: np.ndarray) -> States:
+    """Return the motion of all bodies from x, y, c, s (nt, nb, 4) and their rates, with the frames of ``planar``.
 
     A cart lies along OX.
     """
@@ -151,33 +155,36 @@ def _bars(X: np.ndarray, V: np.ndarray) -> States:
     return planar.make_planar_states(X[:, :, :2], np.arctan2(X[:, :, S], X[:, :, C]), V[:, :, :2], rate)
 
 
-RECIPES = {"chain": _chain, "cart_pendulum": _cart_pendulum, "four_bar_grid": _four_bar_grid}
+RECIPES = {"chain": _make_chain, "cart_pendulum": _make_cart_pendulum, "four_bar_grid": _make_four_bar_grid}
 
 
-def _bar(mass: Fraction, length: Fraction) -> Rod:
-    """Return a homogeneous bar."""
+def _make_bar(mass: Fraction, length: Fraction) -> Rod:
+    """Return a homogeneous bar of this mass [kg] and length [m]."""
     return Rod(mass, length, length / 2, mass * length**2 / 12)
 
 
-def _point(along: Fraction, sign: Fraction, lane: int) -> tuple[Fraction, ...]:
-    """Return the factors of (x, y, c, s), times ``sign``, for x or y (``lane``) of a point ``along`` [m] the axis."""
+def _make_factors(along: Fraction, sign: Fraction, lane: int) -> tuple[Fraction, ...]:
+    """Return the factors of a body's (x, y, c, s) for the coordinate of one of its points, times ``sign``.
+
+    The point is ``along`` [m] the axis from the centre; ``lane`` is 0 for its x and 1 for its y.
+    """
     factors = [NONE] * 4
     factors[X + lane], factors[C + lane] = sign, sign * along
     return tuple(factors)
 
 
-def _ball(a: Fraction) -> flint.arb:
+def _to_ball(a: Fraction) -> flint.arb:
     """Return an exact number as a ball, in the precision of the context."""
     return flint.arb(flint.fmpq(a.numerator, a.denominator))
 
 
-def _integer(a: flint.arb, bits: int) -> int:
+def _to_fixed_point(a: flint.arb, bits: int) -> int:
     """Return the middle of a ball in units of 2^-bits, rounded down."""
     m, e = (int(part) for part in a.mid().man_exp())
     shift = e + bits
     return m << shift if shift >= 0 else m >> -shift
 
 
-def _real(a: int, bits: int) -> flint.arb:
-    """Return ``a`` units of 2^-bits as a ball."""
+def _from_fixed_point(a: int, bits: int) -> flint.arb:
+    """Return ``a`` units of 2^-bits as a ball, in the precision of the context."""
     return flint.arb(a) / flint.arb(2) ** bits

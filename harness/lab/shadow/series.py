@@ -34,15 +34,15 @@ def march_by_series(
     """Integrate from ``state`` at ``t``; yield (state, True) at each time wanted, (state, False) at the ends of steps.
 
     The last step passes ``t_end``, which may be before ``t``. ``expand(state, t)`` makes the series and returns how far
-    it reaches, ``evaluate(t, time)`` returns its value at ``time``.
+    it reaches, ``evaluate(t, time)`` returns the value at ``time`` of the series about ``t``.
     """
-    way, left = 1 if t_end >= t else -1, list(wanted)
-    while left or way * (t_end - t) > 0:
-        reach = expand(state, t)
-        while left and way * (left[0] - t) <= reach:
+    sign, left = 1 if t_end >= t else -1, list(wanted)
+    while left or sign * (t_end - t) > 0:
+        length = expand(state, t)
+        while left and sign * (left[0] - t) <= length:
             yield evaluate(t, left.pop(0)), True
-        state = evaluate(t, t + way * reach)
-        t += way * reach
+        state = evaluate(t, t + sign * length)
+        t += sign * length
         yield state, False
 
 
@@ -69,6 +69,7 @@ class PlaneFlow:
     """Integrate from a state; the truncation error of a step is about 2^(GUARD - bits)."""
 
     def __init__(self, mechanism: PlaneMechanism, formulation: str, bits: int) -> None:
+        """Prepare the numbers of ``mechanism`` in units of 2^-bits; raise ValueError for an unknown formulation."""
         if formulation not in FORMULATIONS:
             raise ValueError(f"formulation must be {' or '.join(FORMULATIONS)} (got {formulation})")
         self.mechanism, self.bits, self.order = mechanism, bits, int(ORDER * bits)
@@ -86,16 +87,17 @@ class PlaneFlow:
         return (a.numerator << self.bits) // a.denominator
 
     def march(self, state: PreciseState, t_end: int, at: Sequence[int] = ()) -> Iterator[tuple[PreciseState, bool]]:
-        """Integrate from ``state``; yield (state, True) at each time of ``at`` and (state, False) at the end of a step.
+        """Integrate from ``state``; yield (state, True) at each time in ``at`` and (state, False) at the end of a step.
 
-        Times are in units of 2^-bits s; those of ``at`` increase. The last step ends at ``t_end`` or later.
+        Times are in units of 2^-bits s; those in ``at`` increase. The last step ends at ``t_end`` or later.
         """
         series, h = list[list[Series]](), 0
 
         def expand(state: PreciseState, t: int) -> int:
+            """Make the series of all bodies about the state, and return the length of the step [2^-bits s]."""
             nonlocal series, h
-            series = self._series(state)
-            h = self._step(series)
+            series = self._expand_state(state)
+            h = self._choose_step(series)
             return h
 
         if t_end <= state.t:
@@ -107,15 +109,15 @@ class PlaneFlow:
                 self.unit = h * LOOSE[0] // LOOSE[1]
             yield found, asked
 
-    def _series(self, state: PreciseState) -> list[list[Series]]:
+    def _expand_state(self, state: PreciseState) -> list[list[Series]]:
         """Factor the rows at ``state``; return the Taylor coefficients of x, y, c, s of each body, time in ``unit``."""
         B, unit = self.bits, self.unit
         start = [[[x, v * unit >> B] for x, v in zip(X, V, strict=True)] for X, V in zip(state.X, state.V, strict=True)]
         self._pull = -self._to_fixed(self.mechanism.gravity) * unit * unit >> 2 * B
-        self._factor(start)
+        self._factor_rows(start)
         return self._expand(start)
 
-    def _step(self, series: list[list[Series]]) -> int:
+    def _choose_step(self, series: list[list[Series]]) -> int:
         """Return the step [2^-bits s] whose last term is about 2^(GUARD - bits), from the ``LAST`` highest orders."""
         p, h = self.order, self.unit
         sizes = {k: max(abs(a[k]) for body in series for a in body).bit_length() for k in (0, *range(p - LAST, p + 1))}
@@ -127,7 +129,7 @@ class PlaneFlow:
         return h
 
     def _evaluate(self, series: list[list[Series]], begin: int, t: int) -> PreciseState:
-        """Return the state at ``t`` from the series about ``begin``, both [2^-bits s]."""
+        """Return the state at ``t`` from the series about ``begin``, both [2^-bits s], by Horner's rule."""
         B = self.bits
         u = ((t - begin) << B) // self.unit
         values, rates = [], []
@@ -144,7 +146,7 @@ class PlaneFlow:
             rates.append(V)
         return PreciseState(t, values, rates)
 
-    def _factor(self, start: list[list[Series]]) -> None:
+    def _factor_rows(self, start: list[list[Series]]) -> None:
         """Factor J W J^T at ``start`` into L D L^T by rows; store inverse pivots and nonzero entries of L."""
         B = self.bits
         across = [(-b[S][0], b[C][0]) for b in start]
@@ -173,7 +175,7 @@ class PlaneFlow:
                     U[j] = entry
         self._above = [[(j, L[i]) for j, L in enumerate(self._L) if i in L] for i in range(len(self._L))]
 
-    def _solve(self, b: list[int]) -> list[int]:
+    def _solve_rows(self, b: list[int]) -> list[int]:
         """Return lam with J W J^T lam = b, by the factor of the step; ``b`` is overwritten."""
         B = self.bits
         for i, L in enumerate(self._L):
@@ -186,12 +188,12 @@ class PlaneFlow:
         return b
 
     def _solve_reactions(self, known: list[list[int]]) -> list[list[int]]:
-        """Return the forces Q = J^T lam on each body for which J X_dot_dot = 0.
+        """Return the forces Q = J^T lam on each body for which J X_dot_dot = 0, at one order of the series.
 
         ``known`` is the part of X_dot_dot without these forces, at the same order.
         """
         B = self.bits
-        lam = self._solve([-sum(a * known[b][k] for b, k, a in row) >> B for row in self._rows])
+        lam = self._solve_rows([-sum(a * known[b][k] for b, k, a in row) >> B for row in self._rows])
         Q = [[0, 0, 0, 0] for _ in known]
         for row, force in zip(self._rows, lam, strict=True):
             for b, k, a in row:
@@ -199,7 +201,7 @@ class PlaneFlow:
         return [[q >> B for q in own] for own in Q]
 
     def _advance(self, series: list[list[Series]], k: int, known: list[list[int]], Q: list[list[int]]) -> None:
-        """Append coefficient k + 2 of x, y, c, s of each body: W Q plus the ``known`` part of X_dot_dot."""
+        """Append coefficient k + 2 of x, y, c, s of each body, from X_dot_dot: its ``known`` part plus W Q."""
         B, n = self.bits, (k + 1) * (k + 2)
         for body, a, q, light, agile in zip(series, known, Q, self._light, self._agile, strict=True):
             c, s = body[C][0], body[S][0]
@@ -218,14 +220,14 @@ class PlaneFlow:
             known, turns = [], []
             for body, w, (q_c, q_s), agile in zip(series, rate, force, self._agile, strict=True):
                 c, s, back = body[C], body[S], w[::-1]
-                turn = (_dot(c, q_s[::-1]) - _dot(s, q_c[::-1]) >> B) * agile >> B
+                turn = (_convolve(c, q_s[::-1]) - _convolve(s, q_c[::-1]) >> B) * agile >> B
                 turns.append(turn)
                 known.append(
                     [
                         0,
                         0 if k else self._pull,
-                        ((k + 1) * -_dot(s, back) - s[0] * turn) >> B,
-                        ((k + 1) * _dot(c, back) + c[0] * turn) >> B,
+                        ((k + 1) * -_convolve(s, back) - s[0] * turn) >> B,
+                        ((k + 1) * _convolve(c, back) + c[0] * turn) >> B,
                     ]
                 )
             Q = self._solve_reactions(known)
@@ -248,11 +250,11 @@ class PlaneFlow:
                 series, force, stretch, rates, self._agile, self._inertia, strict=True
             ):
                 c, s = body[C], body[S]
-                square = _square(c_dot) + _square(s_dot)
-                own = -(_dot(c, q_c[::-1]) + _dot(s, q_s[::-1]) + (inertia * square >> B)) >> B
+                square = _convolve_with_itself(c_dot) + _convolve_with_itself(s_dot)
+                own = -(_convolve(c, q_c[::-1]) + _convolve(s, q_s[::-1]) + (inertia * square >> B)) >> B
                 half.append(own)
                 back = mu[::-1]
-                e_c, e_s = (_dot(e, back) + e[0] * own >> B for e in (c, s))
+                e_c, e_s = (_convolve(e, back) + e[0] * own >> B for e in (c, s))
                 known.append([0, 0 if k else self._pull, e_c * agile >> B, e_s * agile >> B])
             Q = self._solve_reactions(known)
             self._advance(series, k, known, Q)
@@ -265,13 +267,13 @@ class PlaneFlow:
         return series
 
 
-def _dot(a: Series, back: Series) -> int:
-    """Return the sum of a_j b_n-j over j = 1 ... n, ``back`` being b in reverse."""
+def _convolve(a: Series, back: Series) -> int:
+    """Return the sum of a_j b_n-j over j = 1 ... n, which leaves out a_0 b_n; ``back`` is b in reverse."""
     return sum(map(mul, islice(a, 1, None), back))
 
 
-def _square(a: Series) -> int:
-    """Return the sum of a_j a_n-j over all j, n the last."""
+def _convolve_with_itself(a: Series) -> int:
+    """Return the sum of a_j a_n-j over j = 0 ... n, where a_n is the last of ``a``."""
     n = len(a)
     total = 2 * sum(map(mul, islice(a, n // 2), reversed(a)))
     return total + a[n // 2] ** 2 if n % 2 else total

@@ -24,7 +24,8 @@ class Machine:
     """The compiled functions of one precision, with their code, which must outlive them."""
 
     def __init__(self, type_: str, suffix: str) -> None:
-        self._code = Code(_print(type_, suffix))
+        """Compile for the type ``type_`` of LLVM, whose functions in libm have this suffix."""
+        self._code = Code(_print_functions(type_, suffix))
         self.join, self.split, self.expand, self.sum = (
             self._code.function(name, n) for name, n in (("join", 4), ("split", 4), ("expand", 5), ("sum", 5))
         )
@@ -40,7 +41,7 @@ def compile_machine(bits: int) -> Machine:
     return Machine(*TYPES[bits])
 
 
-def _loop(name: str, first: str, last: str, before: str, start: str, body: str, after: str) -> str:
+def _print_loop(name: str, first: str, last: str, before: str, start: str, body: str, after: str) -> str:
     """Return LLVM IR of a loop over %name.j from ``first`` to ``last``, whose result is %name.
 
     ``body`` computes %name.new from %name.sum, which begins as ``start``; ``before`` names the block before the loop,
@@ -59,7 +60,7 @@ def _loop(name: str, first: str, last: str, before: str, start: str, body: str, 
   %{name} = phi T [ {start}, %{before} ], [ %{name}.new, %{name}.turn ]{after}"""
 
 
-def _map(name: str, source: str, target: str, body: str) -> str:
+def _print_map(name: str, source: str, target: str, body: str) -> str:
     """Return LLVM IR of a function from ``source`` to ``target``, one of %x (sums of doubles) and %C (numbers).
 
     ``body`` is the code for one element, at the addresses %xp and %p.
@@ -81,7 +82,7 @@ done:
 }}"""
 
 
-def _product(name: str, p: str, q: str) -> str:
+def _print_product(name: str, p: str, q: str) -> str:
     """Return LLVM IR of %name.pq = p_j q_k-j, a term of the coefficient k of a product."""
     return f"""
   %{name}.i = sub i64 %k, %{name}.j
@@ -92,8 +93,11 @@ def _product(name: str, p: str, q: str) -> str:
   %{name}.pq = fmul T %{name}.p, %{name}.q"""
 
 
-def _print(type_: str, suffix: str) -> str:
-    """Return LLVM IR of all functions of the module for numbers of a type; ``suffix`` is that of libm's functions."""
+def _print_functions(type_: str, suffix: str) -> str:
+    """Return LLVM IR of all functions of the module for numbers of a type; ``suffix`` is that of libm's functions.
+
+    In the text T stands for the type and ZERO for its 0.
+    """
     zero = f"0xK{'0' * 20}" if suffix == "l" else f"0xL{'0' * 32}"
     keep = "\n  store T %{}, ptr %Zk\n  br label %next".format
     kinds = [f"i64 {n}, label %{name}" for n, name in enumerate((*KINDS, *(f"at.{f}" for f in FUNCTIONS)))]
@@ -121,7 +125,7 @@ call.{f}:
     split = """
   %c = load T, ptr %p
   call void @part(T %c, ptr %xp)"""
-    text = f"""{declared}{_map("join", "%x", "%C", join)}{_map("split", "%C", "%x", split)}
+    text = f"""{declared}{_print_map("join", "%x", "%C", join)}{_print_map("split", "%C", "%x", split)}
 define internal void @part(T %x, ptr %out) {{
   %a = fptrunc T %x to double
   %aw = fpext double %a to T
@@ -148,7 +152,7 @@ element:
   %e = phi i64 [ 0, %entry ], [ %e1, %s.done ]
   %at = mul i64 %e, %stride
   %row = getelementptr T, ptr %C, i64 %at{
-        _loop(
+        _print_loop(
             "s",
             "0",
             "%last",
@@ -223,26 +227,26 @@ state:
   store T %higher, ptr %Zk1
   br label %next
 mul:{
-        _loop(
+        _print_loop(
             "m",
             "0",
             "%k",
             "mul",
             "ZERO",
-            _product("m", "%A", "%B")
+            _print_product("m", "%A", "%B")
             + '''
   %m.new = fadd T %m.sum, %m.pq''',
             keep("m"),
         )
     }
 div:{
-        _loop(
+        _print_loop(
             "d",
             "1",
             "%k",
             "div",
             "%a",
-            _product("d", "%B", "%Z")
+            _print_product("d", "%B", "%Z")
             + '''
   %d.new = fsub T %d.sum, %d.pq''',
             chr(10) + "  %quotient = fdiv T %d, %b0" + keep("quotient"),
@@ -254,13 +258,13 @@ nothing:
   store T ZERO, ptr %Zk
   br label %next{functions}
 chain:{
-        _loop(
+        _print_loop(
             "c",
             "1",
             "%k",
             "chain",
             "ZERO",
-            _product("c", "%A", "%B")
+            _print_product("c", "%A", "%B")
             + '''
   %c.jT = sitofp i64 %c.j to T
   %c.term = fmul T %c.pq, %c.jT

@@ -20,7 +20,7 @@ from .flow import integrate_flow
 from .plane import add_hinges, is_planar_motion
 from .refinement import Refinement
 
-SHARE = 0.25  # fraction of the time that the motion takes for its own extent: weight of velocities, as a power of 2
+FRACTION = 0.25  # fraction of the time that the motion takes for its own extent: weight of velocities, as a power of 2
 SEGMENT = 1 / 3  # length of a segment relative to that time
 MOST_STEPS = 24  # steps of the flow in a segment: where the motion whips, segments are shorter
 HALVINGS = 4  # halvings of the time, where no shadow is found
@@ -80,14 +80,16 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
     if why := find_offer("expressions").refuse(problem):
         raise ValueError(f"no shadow of {problem.name}: it {why.split(': use')[0]}")
     system, start = problem.system, States.one(problem.initial)
-    far = measure_displacement(system, given, start)
-    reach, share = float(np.max(far)), system.mass / np.sum(system.mass)
+    displacement = measure_displacement(system, given, start)
+    reach, fractions = float(np.max(displacement)), system.mass / np.sum(system.mass)
     if reach == 0.0:
         raise ValueError("a motion at rest has no shadow to look for")
-    slow = math.sqrt(
-        float(np.mean(far**2 @ share)) / max(float(np.mean(measure_speeds(system, given) ** 2 @ share)), 1e-300)
+    time_scale = math.sqrt(
+        float(np.mean(displacement**2 @ fractions))
+        / max(float(np.mean(measure_speeds(system, given) ** 2 @ fractions)), 1e-300)
     )
-    tau = 2.0 ** round(math.log2(SHARE * slow))
+    # a power of 2 near a fraction of the time in which the motion covers its extent
+    tau = 2.0 ** round(math.log2(FRACTION * time_scale))
     planar = is_planar_motion(problem, given, reach)
     if planar and problem.planar_normal is not None:
         system = add_hinges(system, problem.initial, problem.frame @ problem.planar_normal)
@@ -100,18 +102,18 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
         if len(own) < FEWEST:
             break
         refinement = Refinement(E, t[own], y[own], tau)
-        if refinement.close():
-            refinement.approach()
+        if refinement.close_gaps():
+            refinement.approach_nearest()
             break
         glitch = float(t[own][int(np.argmax(np.linalg.norm(np.nan_to_num(refinement.gaps, nan=np.inf), axis=1)))])
-    own, there = refinement.t, given.at(nodes[: len(refinement.t)])
+    own, given_nodes = refinement.t, given.at(nodes[: len(refinement.t)])
     true = E.evaluate_bodies(own, refinement.y)
     shift = energy(problem.system, true.at(slice(1))) - energy(problem.system, start)
     return Shadow(
         own,
-        there,
+        given_nodes,
         true,
-        measure_displacement(problem.system, there, true),
+        measure_displacement(problem.system, given_nodes, true),
         reach,
         tau,
         planar,
@@ -127,7 +129,10 @@ def find_shadow(problem: Problem, trajectory: Trajectory, t_end: float | None = 
 def choose_nodes(
     E: FlowEquations, t: Float[np.ndarray, " nt"], y: Float[np.ndarray, "nt ny"], length: float
 ) -> Int[np.ndarray, " nodes"]:
-    """Return rows about ``length`` [s] apart, closer where the flow takes many steps."""
+    """Return the numbers of rows about ``length`` [s] apart, closer where the flow takes many steps.
+
+    ``t`` [s] and ``y`` are times and joint coordinates of all rows.
+    """
     even = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], length)))
     even = np.append(even[even < len(t) - 1], len(t) - 1)
     steps = np.ones(len(even) - 1, dtype=np.int64)

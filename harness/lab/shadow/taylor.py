@@ -41,7 +41,11 @@ class TaylorSeries:
     """The Taylor series of a function's operations and, where its outputs are rates of its inputs, of these."""
 
     def __init__(self, function: GeneratedFunction, bits: int, order: int = 0, *, rates: bool = False) -> None:
-        """Record ``function``, with ``rates`` only those outputs. Raise ValueError for operations without series."""
+        """Record ``function``, with ``rates`` only its first outputs, which are the rates of its inputs.
+
+        ``order`` is that of the series of the inputs; without ``rates`` only values are computed. Raise ValueError for
+        operations without series.
+        """
         recorded = record_function(function)
         n = sum(x.size for x in recorded.inputs)
         results = [k for output in recorded.results for k in output][: n if rates else None]
@@ -54,13 +58,13 @@ class TaylorSeries:
         self._table = np.array(table.rows, dtype=np.int64).reshape(-1, 5)
         self._stride = order + 1 + rates
         self._C = np.zeros((table.size, self._stride, 2))  # 16 bytes for each number
-        self._write(table.size, np.array(table.start))
+        self._write_numbers(table.size, np.array(table.start))
 
-    def _write(self, n: int, x: np.ndarray) -> None:
+    def _write_numbers(self, n: int, x: np.ndarray) -> None:
         """Write sums of doubles as order 0 of the first n numbers."""
         self._machine.join(x.ctypes.data, n, self._stride, self._C.ctypes.data)
 
-    def _read(self, n: int, order: int) -> Sums:
+    def _read_coefficients(self, n: int, order: int) -> Sums:
         """Return the coefficients of one order of the first n numbers, as sums of doubles."""
         out = np.empty((n, PARTS))
         self._machine.split(self._C.ctypes.data + 16 * order, n, self._stride, out.ctypes.data)
@@ -68,7 +72,7 @@ class TaylorSeries:
 
     def expand(self, x: Sums) -> None:
         """Compute the coefficients of all orders about the inputs ``x``, which the other methods read."""
-        self._write(self._inputs, np.ascontiguousarray(x))
+        self._write_numbers(self._inputs, np.ascontiguousarray(x))
         t = self._table
         if len(t) == 0:
             return
@@ -77,11 +81,11 @@ class TaylorSeries:
     def evaluate(self, x: Sums) -> Sums:
         """Return the outputs of the function at the inputs ``x``."""
         self.expand(x)
-        return self._read(len(self._C), 0)[self._results]
+        return self._read_coefficients(len(self._C), 0)[self._results]
 
     def find_largest_coefficient(self, order: int) -> float:
         """Return the largest absolute value of the inputs' coefficients of one order."""
-        return float(np.max(np.abs(self._read(self._inputs, order)[:, 0])))
+        return float(np.max(np.abs(self._read_coefficients(self._inputs, order)[:, 0])))
 
     def sum_series(self, h: Fraction) -> Sums:
         """Return the inputs after ``h`` [s], by the series of the last ``expand``."""
@@ -97,6 +101,7 @@ class _Table:
     """
 
     def __init__(self, tape: Tape, inputs: list[tuple[int, int]], results: list[int]) -> None:
+        """Add the operations of ``tape`` that ``results`` need; ``inputs`` are (input, position) by number."""
         self.rows: list[tuple[int, int, int, int, int]] = []
         self.start = [[0.0] * PARTS for _ in inputs]
         self.places: dict[int, int] = {}
@@ -141,10 +146,13 @@ class _Table:
             return self._add(name, x, y)
         if name in ("sin", "cos"):
             return self._add_sine_cosine(a, x)[name == "cos"]
-        return self._function(name, x, y)
+        return self._add_function(name, x, y)
 
     def _add_sine_cosine(self, a: int, x: int) -> tuple[int, int]:
-        """Add sine and cosine of the tape's number a, at index x, each the slope of the other; return their indices."""
+        """Add sine and cosine of the tape's number ``a``, at index ``x``; return their indices.
+
+        Each is the derivative of the other up to sign, so both are added together, once for each number.
+        """
         if a not in self._pairs:
             s, c, back = self._add_number(), self._add_number(), self._add_number()
             self._add("sin", x, c, out=s)
@@ -153,10 +161,11 @@ class _Table:
             self._pairs[a] = s, c
         return self._pairs[a]
 
-    def _function(self, name: str, x: int, y: int) -> int:
-        """Add a function of the numbers x and y with its slope; return the index of the result.
+    def _add_function(self, name: str, x: int, y: int) -> int:
+        """Add the function ``name`` of the number x with its derivative; return the index of the result.
 
-        The slope may be an operation on the result. Raise ValueError for a function without Taylor series here.
+        Only atan2(x, y) uses y. The derivative may be an operation on the result. Raise ValueError for a function whose
+        Taylor series is not implemented.
         """
         out = self._add_number()
         if name == "exp":
@@ -164,14 +173,16 @@ class _Table:
         if name == "log":
             return self._add(name, x, self._add("div", self._one, x), out=out)
         if name == "sqrt":
-            slope = self._add_number()
-            self._add(name, x, slope, out=out)
-            self._add("div", self._constant(0.5), out, out=slope)
+            derivative = self._add_number()
+            self._add(name, x, derivative, out=out)
+            self._add("div", self._constant(0.5), out, out=derivative)
             return out
         if name in ("atan", "atan2"):
             y = self._one if name == "atan" else y
+            # d atan2(x, y) = (y dx - x dy) / (x^2 + y^2): one row for each term. The first has the value at order 0,
+            # the second is a function of kind "none", which is 0 there and has higher orders only.
             square = self._add("add", self._add("mul", x, x), self._add("mul", y, y))
-            first = self._add("atan2", x, self._add("div", y, square), y)
-            rest = self._add("none", y, self._add("neg", self._add("div", x, square)))
-            return self._add("add", first, rest, out=out)
+            x_term = self._add("atan2", x, self._add("div", y, square), y)
+            y_term = self._add("none", y, self._add("neg", self._add("div", x, square)))
+            return self._add("add", x_term, y_term, out=out)
         raise ValueError(f"has an operation without Taylor series here ({name})")

@@ -14,10 +14,10 @@ TORSION = {"stiffness": "stiffness", "damping": "damping", "springref": "rest_an
 
 
 def write_mjcf(tree: dict[str, Any], dt: float, name: Callable[[int], str], **option: str) -> str:
-    """Return a tree of ``plain.flatten_tree`` as MJCF with all digits; the key frame is called ``start``.
+    """Return a tree of ``plain.flatten_tree`` as MJCF with all digits; its key frame is called ``start``.
 
-    ``name`` gives the name of each body, ``option`` the attributes of MuJoCo's ``option`` beside gravity and the step
-    ``dt`` [s].
+    ``name`` returns the name of a body by its number. ``option`` has attributes of MuJoCo's ``option`` in addition to
+    gravity and the step ``dt`` [s].
     """
     top = ET.Element("mujoco")
     ET.SubElement(top, "compiler", angle="radian")
@@ -44,11 +44,11 @@ def write_mjcf(tree: dict[str, Any], dt: float, name: Callable[[int], str], **op
 
 
 def _add_body(parent: ET.Element, limb: dict[str, Any], name: str) -> ET.Element:
-    """Add the body of a limb to that of its parent, with its joint and the joint's spring; return it."""
+    """Add the body of ``limb`` to the element of its parent, with its joints and their spring; return its element."""
     free, R_0 = limb["kind"] == Kind.FREE.name, limb["R_0"]
     pos = limb["r"] if free else limb["s_parent"] - R_0 @ limb["s_child"]
     body = ET.SubElement(parent, "body", name=name, pos=format_numbers(pos), quat=format_quaternion(R_0))
-    moments = format_numbers(limb["inertia"][[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    moments = format_numbers(limb["inertia"][[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])  # xx, yy, zz, xy, xz, yz
     ET.SubElement(body, "inertial", pos="0 0 0", mass=format_numbers([limb["mass"]]), fullinertia=moments)
     if free:
         ET.SubElement(body, "freejoint")
@@ -64,7 +64,7 @@ def _add_body(parent: ET.Element, limb: dict[str, Any], name: str) -> ET.Element
 
 
 def format_numbers(numbers: Iterable[float]) -> str:
-    """Return numbers as text of an XML attribute, with all digits."""
+    """Return numbers as the text of an XML attribute, separated by spaces, with all digits."""
     return " ".join(repr(float(x)) for x in numbers)
 
 

@@ -77,7 +77,8 @@ MOTION = ("r", "R", "v", "Omega")
 def list_hinge_springs(system: MultibodySystem, start: State, tree: EngineTree) -> dict[int, dict[str, float]]:
     """Return stiffness, rest angle and damping of each torsional spring, by the child body of its hinge.
 
-    Raises ValueError for a spring not about the axis of a hinge of the tree, and for a second one on the same hinge.
+    They are in N m/rad, rad and N m s/rad; the rest angle is that of the hinge, whose angle is 0 at the start. Raise
+    ValueError for a spring not about the axis of a hinge of the tree, and for a second one on the same hinge.
     """
     out: dict[int, dict[str, float]] = {}
     stretched = evaluate_torsion(system, States.one(start))[0][0]

@@ -162,7 +162,7 @@ class EngineTree:
     links: tuple[PointLink, ...] = ()
 
     def states(self, q: Float[np.ndarray, "nt nq"], u: Float[np.ndarray, "nt nu"]) -> States:
-        """Return poses and velocities of all bodies at coordinates ``q`` and velocities ``u``."""
+        """Return poses and velocities of all bodies at coordinates ``q`` and velocities ``u``, one row per instant."""
         nt, nb = len(q), len(self.limbs)
         r, v, Omega = np.zeros((3, nt, nb + 1, 3))  # the last body is the ground
         R = np.broadcast_to(np.eye(3), (nt, nb + 1, 3, 3)).copy()
@@ -177,15 +177,15 @@ class EngineTree:
             slides, turns_first = limb.kind.slides, limb.kind is Kind.UNIVERSAL
             first, angle = (own_q[:, :1], own_q[:, -1:]) if len(own_q.T) else np.zeros((2, nt, 1))
             first_rate, rate = (own_u[:, :1], own_u[:, -1:]) if len(own_u.T) else np.zeros((2, nt, 1))
-            way, way_rate = (x * limb.axis_parent * slides for x in (first, first_rate))
+            shift, shift_rate = (x * limb.axis_parent * slides for x in (first, first_rate))
             last = make_matrices(own_q) if limb.kind is Kind.BALL else so3.exp(angle * limb.axis)
             turn = so3.exp(first * limb.axis_parent * turns_first) @ limb.R_0 @ last
             R[:, b] = R[:, p] @ turn
             relative = own_u if limb.kind is Kind.BALL else rate * limb.axis
             carried = Omega[:, p] + first_rate * limb.axis_parent * turns_first
             Omega[:, b] = np.einsum("tji,tj->ti", turn, carried) + relative
-            r[:, b] = r[:, p] + _rotate(R[:, p], limb.s_parent + way) - R[:, b] @ limb.s_child
-            v[:, b] = v[:, p] + _rotate(R[:, p], np.cross(Omega[:, p], limb.s_parent + way) + way_rate)
+            r[:, b] = r[:, p] + _rotate(R[:, p], limb.s_parent + shift) - R[:, b] @ limb.s_child
+            v[:, b] = v[:, p] + _rotate(R[:, p], np.cross(Omega[:, p], limb.s_parent + shift) + shift_rate)
             v[:, b] -= _rotate(R[:, b], np.cross(Omega[:, b], limb.s_child))
         return States(r[:, :nb], R[:, :nb], v[:, :nb], Omega[:, :nb])
 
@@ -198,7 +198,7 @@ class EngineTree:
         return max(depth.values())
 
     def jacobian(self) -> Float[np.ndarray, "twists nu"]:
-        """Return T of (r_dot, Omega) = T u at the start, six rows per body."""
+        """Return T (6 nb, nu) of (r_dot [space], Omega [body]) = T u at the start, six rows per body."""
         s = self._unit_motions()
         return np.concatenate((s.v, s.Omega), axis=-1).reshape(len(s), -1).T
 
@@ -208,7 +208,7 @@ class EngineTree:
         return np.concatenate((_make_gap_jacobian(self._unit_motions(), self.cuts), driven))
 
     def bias(self, start: State) -> Float[np.ndarray, "nb 6"]:
-        """Return the bodies' accelerations (r_ddot, Omega_dot) at the start for u_dot = 0."""
+        """Return the bodies' accelerations (r_ddot [space], Omega_dot [body]) at the tree's ``start`` if u_dot = 0."""
         s, nb = start, len(self.limbs)
         R, Omega = np.concatenate((s.R, np.eye(3)[None])), np.concatenate((s.Omega, np.zeros((1, 3))))
         a, alpha = np.zeros((2, nb + 1, 3))
@@ -246,6 +246,7 @@ def build_spanning_tree(system: MultibodySystem, start: State) -> EngineTree:
     sizes = [0, 0]
 
     def visit(body: int) -> None:
+        """Append the limb of ``body`` to the tree, and its children to the pending bodies."""
         limb = _make_limb(system, start, body, *reached[body], *sizes)
         limbs.append(limb)
         sizes[0] += limb.kind.nq
@@ -277,7 +278,7 @@ def build_spanning_tree(system: MultibodySystem, start: State) -> EngineTree:
 def _make_limb(
     system: MultibodySystem, start: State, body: int, parent: int, k: int, q_at: int, u_at: int
 ) -> EngineLimb:
-    """Return the connection of ``body`` to its parent by joint ``k`` (-1: it floats)."""
+    """Return the connection of ``body`` to its parent by joint ``k``; with k = -1 the body floats."""
     R_parent = np.eye(3) if parent == GROUND else start.R[parent]
     R_0, zero = R_parent.T @ start.R[body], np.zeros(3)
     if k < 0:
@@ -295,6 +296,7 @@ def _make_limb(
         r_parent = np.zeros(3) if parent == GROUND else start.r[parent]
         gap = R_parent.T @ (start.r[body] + start.R[body] @ s_child - r_parent) - s_parent
         s_parent = s_parent + axis_parent * (axis_parent @ gap)
+    # the axes that the kind of connection does not have
     zero_last, zero_first = kind in (Kind.SLIDE, Kind.BALL, Kind.FIXED), not (kind.slides or kind is Kind.UNIVERSAL)
     axis, axis_parent = axis * (not zero_last), axis_parent * (not zero_first)
     return EngineLimb(body, parent, kind, s_parent, s_child, axis, axis_parent, R_0, q_at, u_at)
@@ -311,6 +313,7 @@ def _make_drive(system: MultibodySystem, tree: EngineTree, k: int) -> Drive:
             ((_, in_child),) = limb.list_moves()
             along = float(in_child @ (axis_j if limb.body == j else limb.R_0.T @ axis_j))
             if abs(abs(along) - 1.0) < PARALLEL:
+                # f with the sign of the coordinate, less its value at t = 0
                 numbers = np.round(along) * (1.0 if limb.body == i else -1.0) * system.joint_motion[k]
                 numbers[0] = -numbers[4] * np.sin(system.joint_motion[k, 6])
                 numbers[5:] = system.joint_motion[k, 5:]
@@ -325,12 +328,12 @@ def _make_link(system: MultibodySystem, k: int) -> PointLink:
 
 
 def _find_ends(system: MultibodySystem, k: int) -> tuple[int, np.ndarray, int, np.ndarray]:
-    """Return the bodies and points of joint ``k``, in the order of ``Points``."""
+    """Return body i, its point, body j and its point of joint ``k``, in the order of ``Points``."""
     return int(system.joint_i[k]), system.joint_s_i[k], int(system.joint_j[k]), system.joint_s_j[k]
 
 
 def _find_start_coordinates(limb: EngineLimb, start: State) -> tuple[np.ndarray, np.ndarray]:
-    """Return coordinates and velocities of a limb at the start."""
+    """Return coordinates and velocities of a limb at the start: 0 and unit quaternions, except of a free body."""
     b, p = limb.body, limb.parent
     if limb.kind is Kind.FREE:
         x, y, z, w = Rotation.from_matrix(start.R[b]).as_quat()
@@ -358,6 +361,7 @@ def _find_coincidences(
         first, u = Coincidence(*_find_ends(system, k)), system.joint_u[k]
         arm = max(float(np.linalg.norm(first.s_i)), float(np.linalg.norm(first.s_j))) or 1.0
         u_j = R[first.j].T @ R[first.i] @ u
+        # another point on the axis, at a distance of the size of the joint
         second = Coincidence(first.i, first.s_i + arm * u, first.j, first.s_j + arm * u_j)
         for to, point in ((out, first), (axes, second))[: 1 + bool(system.joint_revolute[k])]:
             if {first.i, first.j} not in joined or np.max(np.abs(_make_gap_jacobian(unit, [point]))) > PARALLEL * arm:
@@ -372,13 +376,13 @@ def _find_coincidences(
 
 
 def _make_gap_jacobian(unit: States, cuts: Sequence[Coincidence]) -> Float[np.ndarray, "nl nu"]:
-    """Return the Jacobian of the gaps of cut points, three rows each, from the motions ``unit`` of each velocity."""
+    """Return the Jacobian of the gaps of ``cuts``, three rows each; ``unit`` has the motion of each velocity at 1."""
     rows = [point_velocity(unit, c.i, c.s_i) - point_velocity(unit, c.j, c.s_j) for c in cuts]
     return np.concatenate(rows, axis=1).T if rows else np.zeros((0, len(unit)))
 
 
 def find_rank(G: Float[np.ndarray, "nl nu"], largest: float = 0.0) -> int:
-    """Return the rank of constraint rows; entries that are rounding relative to ``largest`` count as zero."""
+    """Return the rank of ``G``: singular values up to ``DEPENDENT`` times the largest or ``largest`` count as zero."""
     size = np.linalg.svd(G, compute_uv=False) if G.size else np.zeros(1)
     return int(np.sum(size > DEPENDENT * max(size[0], largest)))
 

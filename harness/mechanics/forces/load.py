@@ -23,9 +23,9 @@ class Load:
 
 
 def push(i, j, p):  # type: ignore[no-untyped-def]
-    """Return the load's force f(t) F at its point, and its torque f(t) T.
+    """Return the load's force f(t) F at its point, and its torque f(t) T, in space.
 
-    Both turn with the body where the load follows it (``follows`` is 1, else 0).
+    F and T turn with body i if ``p.follows`` is 1; they are fixed in space if it is 0.
     """
     force, torque = (p.follows * i.turn(a) + (1.0 - p.follows) * a for a in (p.force, p.torque))
     return PointLoad(p.factor * force, p.factor * torque, i.at(p.p))

@@ -20,7 +20,7 @@ class SpringDamper:
 
 
 def push(i, j, p):  # type: ignore[no-untyped-def]
-    """Return the force on body i, -(k (l - d0) + c l_dot) d / l, at its point; d leads there from j's, l = |d|."""
+    """Return the force on body i, -(k (l - d0) + c l_dot) d / l at its point x: d = x - y from body j's y, l = |d|."""
     x, y = i.at(p.p_i), j.at(p.p_j)
     d = x - y
     l = length(d)

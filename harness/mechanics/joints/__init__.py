@@ -151,10 +151,10 @@ def name_joint(k: int, joint: Joint) -> str:
 
 
 def find_directions(k: int, joint: Joint) -> dict[str, Any]:
-    """Return the numbers that the rows of joint ``k`` read, by name; raise ValueError for input not of its kind.
+    """Return what the rows of joint number ``k`` read, by name; raise ValueError for input that does not fit its kind.
 
-    These are u, w (3,) in body i and n (3, 3) in body j, unit vectors, zero where no row reads them; length [m];
-    motion, the numbers of its function of time.
+    These are unit vectors u, w (3,) in body i and n (3, 3) in body j, zero where no row reads them; length [m]; and
+    motion, the seven numbers of its function of time.
     """
     where = name_joint(k, joint)
     try:
@@ -176,9 +176,10 @@ def find_directions(k: int, joint: Joint) -> dict[str, Any]:
 
 
 def select_rows(k: int, joint: Joint) -> list[Joint]:
-    """Return joint ``k`` in a list, or one joint of a single row for each of the ``rows`` that the user chose.
+    """Return a list of joint number ``k`` alone or, if the user chose ``rows`` of it, of one joint for each of these.
 
-    Point rows are then along the axes of j. Raise ValueError where the rows of a kind cannot be chosen.
+    A point or line row becomes a point on a plane, an axis row becomes normal axes; point rows are along the axes of j.
+    Raise ValueError for a kind whose rows cannot be chosen, and for rows that it does not have.
     """
     if joint.rows is None:
         return [joint]
@@ -203,9 +204,9 @@ def select_rows(k: int, joint: Joint) -> list[Joint]:
 
 
 def _check_input(where: str, declared: JointDeclaration, joint: Joint) -> None:
-    """Raise ValueError unless the joint has the axes, directions, length and motion that its kind needs.
+    """Raise ValueError, naming ``where``, unless the joint has the axes, directions, length and motion of its kind.
 
-    Axes and motions that the kind has no use for are refused, too, where they show a misunderstanding.
+    Axes and motions that the kind does not use are refused, too, where they show a misunderstanding.
     """
     sort, ends = declared.name, [joint.axis_i is not None, joint.axis_j is not None]
     if declared.axes == "i" and ends != [True, False]:

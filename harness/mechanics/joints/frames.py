@@ -22,41 +22,41 @@ class Directions:
         return np.zeros(3) if a is None else normalise(a, self.where)
 
     def across(self, axis: np.ndarray, end: str) -> np.ndarray | None:
-        """Return across_i or across_j (``end``), normal to ``axis`` and of length 1, and axis x that, as rows.
+        """Return two unit vectors (rows): across_i or across_j, by ``end``, made normal to ``axis``, and axis x that.
 
-        None if the user gave none.
+        None if the user gave no such direction.
         """
         a = getattr(self.joint, f"across_{end}")
         return None if a is None else project_normals(axis, a, self.where)
 
 
-def blade(d: Directions) -> dict[str, np.ndarray]:
+def make_blade_frame(d: Directions) -> dict[str, np.ndarray]:
     """Return the frame of a knife edge: u = axis_i, the normal of the blade."""
     return {"u": d.unit("axis_i")}
 
 
-def axis_alone(d: Directions) -> dict[str, np.ndarray]:
+def make_axis_frame(d: Directions) -> dict[str, np.ndarray]:
     """Return the frame of a joint with an axis in one or both bodies: u = axis_i, n_1 = axis_j."""
     return {"u": d.unit("axis_i"), "n": d.unit("axis_j")[None]}
 
 
-def normals(d: Directions) -> dict[str, np.ndarray]:
+def make_common_axis_frame(d: Directions) -> dict[str, np.ndarray]:
     """Return the frame of a common axis: u = axis_i, w = across_i, and n_1, n_2 normal to axis_j.
 
-    These are across_j and axis_j x across_j, where given, else any.
+    n_1, n_2 are across_j and axis_j x across_j if across_j is given, else any two; w is zero without across_i.
     """
     u, axis = d.unit("axis_i"), d.unit("axis_j")
     w, n = d.across(u, "i"), d.across(axis, "j")
     return {"u": u, "w": np.zeros(3) if w is None else w[0], "n": choose_normals(axis) if n is None else n}
 
 
-def tangents(d: Directions) -> dict[str, np.ndarray]:
+def make_disc_frame(d: Directions) -> dict[str, np.ndarray]:
     """Return the frame of a rolling disc: u = axis_i; n_1 = axis_j, the normal of the plane, then its two tangents."""
     axis = d.unit("axis_j")
     return {"u": d.unit("axis_i"), "n": np.concatenate((axis[None], choose_normals(axis)))}
 
 
-def frame_ahead(d: Directions) -> dict[str, np.ndarray]:
+def make_angle_frame(d: Directions) -> dict[str, np.ndarray]:
     """Return the frame of a driven angle or a rack: u = across_i; n_1 = axis x across_j, n_2 = axis x n_1."""
     n, u = d.across(d.unit("axis_j"), "j"), d.across(d.unit("axis_i"), "i")
     assert n is not None and u is not None  # checked with the joint

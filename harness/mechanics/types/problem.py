@@ -109,6 +109,7 @@ class Problem:
     retrace: bool = False  # True to integrate back from the end with velocities reversed
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a name or unit that is no plain text, and for axes that ``check_axes`` refuses."""
         for what in ("name", "section"):
             check_text(f"problem {self.name}: {what}", getattr(self, what))
         named: tuple[Observable | Invariant, ...] = (*self.observables, *self.invariants)
@@ -120,6 +121,7 @@ class Problem:
             check_axes(self.system, self.initial, self.t_end)
 
     def __repr__(self) -> str:
+        """Return name, parameters, size and duration in one line."""
         given = f"[{', '.join(f'{k}={v}' for k, v in self.parameters.items())}]" if self.parameters else ""
         s = self.system
         bodies = "1 body" if s.nb == 1 else f"{s.nb} bodies"
@@ -127,9 +129,9 @@ class Problem:
         return f"<Problem {self.name}{given}: {bodies}, {joints}, {s.nrows} rows; {self.t_end:g} s, dt = {self.dt:g} s>"
 
     def check_begin(self) -> None:
-        """Raise ValueError unless the start has t = 0, where every motion begins.
+        """Raise ValueError unless the start has t = 0, where every motion of a user's problem begins.
 
-        Solvers make problems that begin later, to go on from one choice of rows to another; a user cannot.
+        Only solvers make problems that begin later: the rest of a motion, with another choice of rows.
         """
         if self.initial.t != 0.0:
             raise ValueError(
@@ -138,7 +140,7 @@ class Problem:
             )
 
     def home(self, s: States) -> States:
-        """Return the motion ``s``, given in space, in the home frame: the paper's axes."""
+        """Return the motion ``s``, given in space, rotated to the home frame: the paper's axes."""
         return rotate_states(s, self.frame.T)
 
     def observe(self, s: States) -> dict[str, Float[np.ndarray, " nt"]]:

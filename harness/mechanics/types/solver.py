@@ -42,6 +42,7 @@ class StepControl:
     spool: Spool | None = field(default=None, compare=False, repr=False)  # receiver of steps during the run
 
     def __post_init__(self) -> None:
+        """Raise ValueError unless the control is one of fixed steps or of a tolerance, with numbers in their ranges."""
         if (self.dt is None) == (self.rtol is None):
             raise ValueError(f"give exactly one of dt and rtol (got dt={self.dt}, rtol={self.rtol})")
         for name in ("dt", "rtol", "max_step", "cpu_limit"):
@@ -82,6 +83,7 @@ class Trajectory:
     returned: State | None = None
 
     def __post_init__(self) -> None:
+        """Give the states their times; raise ValueError unless there is one state per time and the times increase."""
         t = np.asarray(self.t, dtype=float)
         if t.ndim != 1 or len(t) != len(self.states) or len(t) == 0:
             raise ValueError(

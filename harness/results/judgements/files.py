@@ -74,7 +74,10 @@ def _read(folder: ConfinedPath, name: str, kind: Any) -> Any:
 
 @lru_cache(maxsize=2)  # of the published claims, a command asks for verdicts and for digests
 def _parse(text: str, where: str, kind: Any) -> Any:
-    """Return the content ``text`` of a file as the type ``kind``; raise FileError as ``_read`` does."""
+    """Return the JSON ``text`` of a file as the type ``kind``; raise FileError as ``_read`` does, naming ``where``.
+
+    The latest results are cached.
+    """
     plain = parse_json(text, where)
     schema = 1 if isinstance(plain, list) else plain.get("schema") if isinstance(plain, dict) else None
     if kind is PublishedClaims and schema in range(1, SCHEMA):
@@ -83,9 +86,9 @@ def _parse(text: str, where: str, kind: Any) -> Any:
 
 
 def add_code(claims: Sequence[JudgedClaim], code: CodeDigests) -> PublishedClaims:
-    """Return the content of a file of claims: claims, the digests of their code, and the commands that repeat runs.
+    """Return the content of a file of claims: the claims, the digests of their code, and the commands that repeat runs.
 
-    The command of a run is moved from the rows of several claims to one place.
+    The commands are moved from the rows of the claims into one table by ``settings_id``, since claims share runs.
     """
     commands = {m.settings_id: m.command for c in claims for m in c.map if m.command}
     replace = msgspec.structs.replace
@@ -94,7 +97,7 @@ def add_code(claims: Sequence[JudgedClaim], code: CodeDigests) -> PublishedClaim
 
 
 def _restore_commands(found: PublishedClaims) -> tuple[JudgedClaim, ...]:
-    """Return the claims of a file with the command of each run copied back into their rows."""
+    """Return the claims of a file, whose rows get back the commands that ``add_code`` has moved into one table."""
     replace, commands = msgspec.structs.replace, found.commands
     rows = (
         tuple(replace(m, command=m.command or commands.get(m.settings_id, "")) for m in c.map) for c in found.claims
@@ -111,7 +114,10 @@ def shorten_claims(claims: Sequence[JudgedClaim]) -> tuple[JudgedClaim, ...]:
 
 
 def _shorten(c: JudgedClaim) -> JudgedClaim:
-    """Return a claim in its published form: of its counts by dimension, only those of the best separating one stay."""
+    """Return a claim in its published form: without lists of runs.
+
+    Counts stay for the dimension alone that separates best. Rows keep neither their case nor the values of dimensions.
+    """
     replace = msgspec.structs.replace
     telling = {f.decision.telling for f in c.findings if f.decision}
     factors = {k: v for k, v in c.factors.items() if k in telling}
@@ -120,7 +126,10 @@ def _shorten(c: JudgedClaim) -> JudgedClaim:
 
 
 def format_judgement(judged: Any) -> str:
-    """Format a judgement as strict JSON that suits a diff: a line per row of each list; NaN and infinity are null."""
+    """Format a judgement as strict JSON that suits a diff: a line per row of each list; NaN and infinity become null.
+
+    A file of claims has a line per key of its top level.
+    """
     plain = json.loads(to_json(judged))
     if isinstance(judged, PublishedClaims):
         return "{\n" + ",\n".join(f"{json.dumps(k)}: {_format(v, 0)}" for k, v in plain.items()) + "\n}\n"
@@ -128,7 +137,10 @@ def format_judgement(judged: Any) -> str:
 
 
 def _format(plain: Any, depth: int) -> str:
-    """Return plain data as JSON text, with a line per row of every list and per key down to the second level."""
+    """Return plain data as JSON text, with a line per row of a list of objects, and per key of the first two levels.
+
+    ``depth`` is the level of ``plain`` itself, 0 for the whole.
+    """
     pad = " " * (depth + 1)
     if isinstance(plain, dict) and plain and depth < 2:
         rows = [f"{json.dumps(k, ensure_ascii=False)}: {_format(v, depth + 1)}" for k, v in plain.items()]

@@ -89,7 +89,8 @@ class Order(JudgedSettings, frozen=True):
     def as_finding(self, words: str = "") -> Finding:
         """Return the order as a finding, with the declared order as its requirement.
 
-        Orders of energy and reactions may differ from it and are only shown. ``words`` replace those beside the number.
+        The verdict is open for orders of energy and reactions, which may differ from it, and where no order could be
+        measured or decided. ``words`` replace those beside the number.
         """
         if self.fit == "power":
             words = words or f"[{self.low:.2f}, {self.high:.2f}] in the {self.against}"

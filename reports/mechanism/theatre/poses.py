@@ -104,11 +104,11 @@ def thin_poses(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]
     n = len(poses)
     if n <= max(at_most, 2):
         return np.arange(n)
-    way = np.max(np.linalg.norm(np.diff(poses.r, axis=0), axis=-1) + size * measure_turns(poses.q), axis=1)
+    path = np.max(np.linalg.norm(np.diff(poses.r, axis=0), axis=-1) + size * measure_turns(poses.q), axis=1)
     time = np.diff(poses.t)
-    measure = time / max(float(np.sum(time)), 1e-300) + way / max(float(np.sum(way)), 1e-300)
-    along = np.concatenate(([0.0], np.cumsum(measure)))
-    rows = np.searchsorted(along, np.linspace(0.0, along[-1], max(at_most, 2)))
+    measure = time / max(float(np.sum(time)), 1e-300) + path / max(float(np.sum(path)), 1e-300)
+    passed = np.concatenate(([0.0], np.cumsum(measure)))
+    rows = np.searchsorted(passed, np.linspace(0.0, passed[-1], max(at_most, 2)))
     rows[-1] = n - 1
     return np.unique(np.minimum(rows, n - 1))
 
@@ -123,23 +123,23 @@ class ChosenPoses:
 
 
 def choose_poses(poses: Poses, at_most: int, size: float) -> ChosenPoses:
-    """Choose few rows that draw all stored poses to within ``NEAR`` times ``size`` [m] and ``TURNED``.
+    """Choose few rows that draw all stored poses to within ``NEAR`` times ``size`` [m] and ``TURNED`` [rad].
 
-    Starting from a few rows, the pose that is drawn worst in each gap is added, until all are near or ``at_most`` is
-    reached.
+    Starting from a few rows, the worst drawn pose of each gap is added, unless it deviates by less than ``AT_ONCE``
+    times the worst of all. This ends when all poses are near, or there are ``at_most`` rows.
     """
     rows = thin_poses(poses, min(FIRST, at_most), size)
     ends = _find_neighbours(poses, rows)
     distance, angle = measure_deviations(poses, rows)
     while len(rows) < at_most:
-        away = np.maximum(distance / (NEAR * size), angle / TURNED)
-        worst = np.argsort(-away, kind="stable")
+        excess = np.maximum(distance / (NEAR * size), angle / TURNED)  # above 1: not near enough
+        worst = np.argsort(-excess, kind="stable")
         _, first = np.unique(np.searchsorted(rows, worst, side="right"), return_index=True)  # the worst of each gap
-        wanted = worst[np.sort(first)]
-        wanted = wanted[away[wanted] > max(1.0, AT_ONCE * away[worst[0]])]
-        if not len(wanted):
+        missing = worst[np.sort(first)]
+        missing = missing[excess[missing] > max(1.0, AT_ONCE * excess[worst[0]])]
+        if not len(missing):
             break
-        rows = np.union1d(rows, wanted[: at_most - len(rows)])
+        rows = np.union1d(rows, missing[: at_most - len(rows)])
         before, ends = ends, _find_neighbours(poses, rows)
         moved = np.flatnonzero(np.any(ends != before, axis=0))  # all others are drawn by the same two poses as before
         distance[moved], angle[moved] = measure_deviations(poses, rows, moved)
@@ -153,7 +153,10 @@ def _find_neighbours(poses: Poses, kept: Int[np.ndarray, " n"]) -> Int[np.ndarra
 
 
 def _find_gap(known: Float[np.ndarray, " n"], t: Float[np.ndarray, " m"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the numbers of the two ``known`` times between which each time ``t`` lies."""
+    """Return the indices of the two ``known`` times between which each time ``t`` lies.
+
+    Outside the known times these are the first two or the last two; a single known time is both.
+    """
     k = np.clip(np.searchsorted(known, t, side="right") - 1, 0, max(len(known) - 2, 0))
     return k, np.minimum(k + 1, len(known) - 1)
 
@@ -178,9 +181,9 @@ def measure_angles(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 
 def _halve_angle(
     a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]
 ) -> tuple[Float[np.ndarray, "nf nb"], Float[np.ndarray, "nf nb"]]:
-    """Return half the angle between quaternions as points of the unit sphere, and the sign that makes it the smaller.
+    """Return half the angle between unit quaternions as vectors [rad], a quarter of the angle of rotation, and a sign.
 
-    The sign is that of b: b and -b are the same rotation.
+    Of b and -b, which are the same rotation, the one nearer to a is taken; the sign is 1 for b, -1 for -b.
     """
     apart, together = a - b, a + b
     d, s = (np.sqrt(np.einsum("...i,...i", x, x)) for x in (apart, together))
@@ -194,7 +197,10 @@ def measure_rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
 
 
 def interpolate_poses(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
-    """Interpolate positions linearly and orientations on the great circle, as the page does between two poses."""
+    """Interpolate positions linearly and orientations along the great circle at times ``t`` [s], as the page does.
+
+    Outside the times of the poses, the first or the last pose is returned.
+    """
     k, j = _find_gap(poses.t, t)
     gap = poses.t[j] - poses.t[k]
     u = np.clip(np.divide(t - poses.t[k], gap, out=np.zeros(len(t)), where=gap > 0.0), 0.0, 1.0)[:, None, None]
@@ -219,29 +225,30 @@ def fill_gaps(poses: Poses, exact: Poses, size: float) -> tuple[Poses, int, tupl
     far from it, cannot be filled and is an unknown span [s].
     """
     inside = (exact.t > poses.t[0]) & (exact.t < poses.t[-1]) & ~np.isin(exact.t, poses.t)
-    here, there = exact.select_rows(np.flatnonzero(inside)), interpolate_poses(exact, poses.t)
-    back, own = there.q * [-1.0, -1.0, -1.0, 1.0], normalize(poses.q)
-    error = Poses(poses.t, poses.r - there.r, _multiply_quaternions(back, own))
-    angle = measure_angles(there.q, own)
+    between = exact.select_rows(np.flatnonzero(inside))  # the exact motion between the stored poses, and at them
+    at_stored = interpolate_poses(exact, poses.t)
+    conjugate, own = at_stored.q * [-1.0, -1.0, -1.0, 1.0], normalize(poses.q)
+    error = Poses(poses.t, poses.r - at_stored.r, _multiply_quaternions(conjugate, own))
+    angle = measure_angles(at_stored.q, own)
     far = np.maximum(np.linalg.norm(error.r, axis=-1) / size, angle).max(axis=1) > ALIKE
     far |= poses.t > exact.t[-1] * (1.0 + 1e-12)
     far = far[1:] | far[:-1]
     turned = np.interp(poses.t, exact.t, np.append(0.0, np.cumsum(np.max(measure_turns(exact.q), axis=1))))
     unknown = np.flatnonzero(far & (np.diff(turned) > np.pi))
     spans = tuple((float(poses.t[k]), float(poses.t[k + 1])) for k in unknown)
-    if not len(here):
+    if not len(between):
         return poses, 0, spans
-    added = interpolate_poses(error, here.t)
-    made = Poses(here.t, here.r + added.r, _multiply_quaternions(normalize(here.q), added.q))
-    distance, angle = _compare_poses(interpolate_poses(poses, here.t), made)
-    gap = np.searchsorted(poses.t, here.t, side="right") - 1
-    off_in = np.zeros(len(far), dtype=bool)
+    error_there = interpolate_poses(error, between.t)
+    added = Poses(between.t, between.r + error_there.r, _multiply_quaternions(normalize(between.q), error_there.q))
+    distance, angle = _compare_poses(interpolate_poses(poses, between.t), added)
+    gap = np.searchsorted(poses.t, between.t, side="right") - 1
+    is_inaccurate = np.zeros(len(far), dtype=bool)
     # fill all of a gap: after whole turns a pose may fit by chance
-    off_in[gap[(distance > NEAR * size) | (angle > TURNED)]] = True
-    made = made.select_rows(np.flatnonzero((off_in & ~far)[gap]))
-    order = np.argsort(np.concatenate((poses.t, made.t)), kind="stable")
-    both = (np.concatenate(pair) for pair in ((poses.t, made.t), (poses.r, made.r), (poses.q, made.q)))
-    return Poses(*both).select_rows(order), len(made), spans
+    is_inaccurate[gap[(distance > NEAR * size) | (angle > TURNED)]] = True
+    added = added.select_rows(np.flatnonzero((is_inaccurate & ~far)[gap]))
+    order = np.argsort(np.concatenate((poses.t, added.t)), kind="stable")
+    both = (np.concatenate(pair) for pair in ((poses.t, added.t), (poses.r, added.r), (poses.q, added.q)))
+    return Poses(*both).select_rows(order), len(added), spans
 
 
 def _multiply_quaternions(
@@ -265,9 +272,9 @@ def measure_deviation(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float,
 def measure_deviations(
     poses: Poses, kept: Int[np.ndarray, " n"], of: Int[np.ndarray, " m"] | None = None
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Return for each stored pose the worst body's distance [m] and angle [rad] from the motion drawn by ``kept``.
+    """Return for each stored pose the worst body's distance [m] and angle [rad] from the drawn motion.
 
-    With ``of`` for the poses of these rows only.
+    The drawn motion is interpolated between the rows ``kept``. If ``of`` is given, only its rows are measured.
     """
     some = poses if of is None else poses.select_rows(of)
     return _compare_poses(interpolate_poses(poses.select_rows(kept), some.t), some)

@@ -33,7 +33,7 @@ from .shapes import (
     list_marks,
     make_shapes,
     make_strips,
-    select_known,
+    select_known_strips,
 )
 
 POSE_BYTES = 4_500_000  # bytes of poses on a page, before compression
@@ -69,7 +69,7 @@ class Player:
 def collect_players(
     results: StoredResults, variant: Variant
 ) -> tuple[list[Player], list[Player], tuple[StoredRun, ...]]:
-    """Return the players, the players that a visitor may add (failures first), and all runs not shown at first."""
+    """Return the players, up to ``MOST_ADDED`` that a visitor may add (failures first), and all runs not shown yet."""
     chosen, left_out = choose_players(variant, [c.record.run_id for c in variant.runs if c.record.series])
     found = _make_players(results, chosen)
     absent = tuple(c for c in chosen if all(c is not p.run for p in found))
@@ -78,7 +78,7 @@ def collect_players(
 
 
 def _make_players(results: StoredResults, runs: Sequence[StoredRun], alike: Sequence[Player] = ()) -> list[Player]:
-    """Return a player for each run that stored poses of as many bodies as ``alike``, or else as the first such run."""
+    """Return players of the runs whose stored poses have as many bodies as those ``alike``, or else as the first."""
     found = list(alike)
     for run in runs:
         series = results.series(run)
@@ -123,7 +123,7 @@ def make_scene(
     scale = record.length_scale_m if record.length_scale_m > 0.0 else 1.0
     t_end = max([record.t_end_s] + [float(p.series["t"][-1]) for p in shown])
     t_end = t_end if math.isfinite(t_end) and t_end > 0.0 else 1.0
-    shapes, kinds = make_shapes(lead.series, lead.poses, scale), select_known([p.series for p in shown])
+    shapes, kinds = make_shapes(lead.series, lead.poses, scale), select_known_strips([p.series for p in shown])
     lengths = [float(np.linalg.norm(np.subtract(s.b, s.a))) for s in shapes if s.kind == "rod"]
     body = min(scale, float(np.median(lengths))) if lengths else scale
     ground = find_ground_points(lead.series)
@@ -218,27 +218,27 @@ def _bound_scene(sound: Sequence[Player], shapes: Sequence[BodyShape], ground: F
 
 
 def _find_plane_normal(lead: Player) -> list[float] | None:
-    """Return the normal of the plane in which the centres of mass stay [space frame]; None if there is none."""
+    """Return the unit normal of the plane in which the centres of mass stay [space frame]; None if there is none."""
     points = lead.poses.r.reshape(-1, 3).astype(float)
     points = points[:: max(1, len(points) // 20000)]
     _, size, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     if len(size) < 3 or size[1] == 0.0 or size[2] > FLAT * size[1]:
         return None
-    n = axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))])
+    n = axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))])  # the largest component is positive
     return n.tolist()
 
 
 def _choose_trail(lead: Player, shapes: Sequence[BodyShape]) -> dict[str, Any]:
-    """Return the end of a body with the longest path, whose trail is drawn: ``body`` and ``at`` [m, body frame]."""
+    """Return the end of a rod with the longest path, whose trail is drawn: ``body`` and ``at`` [m, body frame]."""
     some = lead.poses.select_rows(thin_poses(lead.poses, 200, 1.0))
     best, body, at = -1.0, 0, np.zeros(3)
     bodies = some.r.shape[1]
-    for k in range(0, bodies, 1 if bodies <= 200 else 50):
+    for k in range(0, bodies, 1 if bodies <= 200 else 50):  # of many bodies only some, which is fast
         for end in list_ends(list(shapes), k):
             x = some.r[:, k] + Rotation.from_quat(some.q[:, k]).apply(end)
-            way = float(np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1)))
-            if way > best * (1.0 + 1e-6):
-                best, body, at = way, k, end
+            path = float(np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1)))
+            if path > best * (1.0 + 1e-6):
+                best, body, at = path, k, end
     return {"body": body, "at": at.tolist()}
 
 
@@ -247,45 +247,45 @@ def choose_players(
 ) -> tuple[tuple[StoredRun, ...], tuple[StoredRun, ...]]:
     """Return the runs that play and those left out; ``playable`` holds the run_ids of those that may play.
 
-    The first player, drawn solid, is a success with the fewest options and then the least energy drift, if there is a
-    success.
+    At most ``at_most`` play, more only to show a failure of each solver that has one. The first player, drawn solid, is
+    a success with the fewest options and then the least energy drift, if there is a success.
     """
-    can = [c for c in variant.runs if c.record.run_id in set(playable)]
-    failing = {c.record.solver for c in can if not c.is_success}
+    available = [c for c in variant.runs if c.record.run_id in set(playable)]
+    failing = {c.record.solver for c in available if not c.is_success}
     at_most += max(len(failing) - (AT_MOST - SOUND), 0)
     chosen: list[StoredRun] = []
-    for run in _list_candidates(can):
+    for run in _list_candidates(available):
         if len(chosen) < at_most and all(_make_settings_key(run) != _make_settings_key(other) for other in chosen):
             chosen.append(run)
     chosen.sort(key=_rank_soundness)
     return tuple(chosen), tuple(c for c in variant.runs if c not in chosen)
 
 
-def _list_candidates(can: Sequence[StoredRun]) -> Iterator[StoredRun]:
+def _list_candidates(runs: Sequence[StoredRun]) -> Iterator[StoredRun]:
     """Yield the runs in the order in which they are chosen as players, see ``RULE``; some appear more than once."""
 
-    def plainest(c: StoredRun) -> tuple[bool, int, float]:
+    def rank_plainness(c: StoredRun) -> tuple[bool, int, float]:
         """Return the sort key that puts successes first, then fewest options, then the finest step or tolerance."""
         return (not c.is_success, len(c.options), c.step_or_tolerance)
 
-    def broke(c: StoredRun) -> tuple[bool, bool, float]:
+    def rank_failure(c: StoredRun) -> tuple[bool, bool, float]:
         """Return the sort key that puts stopped runs first, then other failures, then the finest step or tolerance."""
         return (not c.has_stopped, c.is_success, c.step_or_tolerance)
 
-    def label(c: StoredRun) -> tuple[str, str]:
+    def read_label(c: StoredRun) -> tuple[str, str]:
         """Return the label and the solver of a run."""
         return c.record.label, c.record.solver
 
-    by_name = sorted(can, key=lambda c: c.record.solver)
-    firsts = [min(own, key=plainest) for own in group_by_solver(by_name).values()]
-    known = set(map(label, firsts))
+    by_name = sorted(runs, key=lambda c: c.record.solver)
+    firsts = [min(own, key=rank_plainness) for own in group_by_solver(by_name).values()]
+    known = set(map(read_label, firsts))
     sound = sorted((c for c in firsts if c.is_success), key=_rank_soundness)
     yield from (sound[k] for k in (0, len(sound) // 2, -1) if sound)
-    yield from (min(own, key=broke) for own in group_by_solver(c for c in by_name if not c.is_success).values())
+    yield from (min(own, key=rank_failure) for own in group_by_solver(c for c in by_name if not c.is_success).values())
     yield from firsts
-    by_label = group_by(sorted(can, key=label), label).items()
-    yield from (min(own, key=broke) for name, own in by_label if name not in known)
-    yield from sorted(can, key=broke)
+    by_label = group_by(sorted(runs, key=read_label), read_label).items()
+    yield from (min(own, key=rank_failure) for name, own in by_label if name not in known)
+    yield from sorted(runs, key=rank_failure)
 
 
 def _make_settings_key(c: StoredRun) -> tuple[str, ...]:

@@ -53,15 +53,15 @@ def find_ground_points(series: Series) -> Float[np.ndarray, "n 3"]:
 
 
 def make_shapes(series: Series, poses: Poses, scale: float) -> list[BodyShape]:
-    """Return the shapes of all bodies; ``scale`` [m] is the size of the mechanism."""
+    """Return the shapes of all bodies, by the rules at the head of this file; ``scale`` [m] is the mechanism's size."""
     bodies = poses.r.shape[1]
     out: list[BodyShape] = []
     for body, points in enumerate(find_joint_points(series, bodies, scale)):
         far = [p for p in points if np.linalg.norm(p) > SAME * scale]
         if len(points) >= 2:
-            out += _bars(body, points)
+            out += _make_bars(body, points)
         elif far and _is_top(poses, body, far[0]):
-            out += _top(body, far[0])
+            out += _make_top(body, far[0])
         elif far:
             out.append(_rod(body, far[0], -far[0], 0.045))
         else:
@@ -74,7 +74,7 @@ def list_ends(shapes: list[BodyShape], body: int) -> Float[np.ndarray, "n 3"]:
     return np.array([p for s in shapes if s.body == body and s.kind == "rod" for p in (s.a, s.b)]).reshape(-1, 3)
 
 
-def _bars(body: int, points: Float[np.ndarray, "n 3"]) -> list[BodyShape]:
+def _make_bars(body: int, points: Float[np.ndarray, "n 3"]) -> list[BodyShape]:
     """Return a rod between the two joints farthest apart, arms from it to the others, and a ball at each joint."""
     distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
     i, j = (int(k) for k in np.unravel_index(np.argmax(distance), distance.shape))
@@ -97,8 +97,11 @@ def _is_top(poses: Poses, body: int, point: np.ndarray) -> bool:
     return bool(np.median(np.abs(about)) > SPINS * np.median(across))
 
 
-def _top(body: int, tip: np.ndarray) -> list[BodyShape]:
-    """Return a cone on its tip, a disc at its centre and a rod through both; a darker spoke shows the spin."""
+def _make_top(body: int, tip: np.ndarray) -> list[BodyShape]:
+    """Return a top: a cone on its ``tip`` [m, body frame], a disc at its centre and a rod through both.
+
+    A darker spoke on the disc shows the spin.
+    """
     length = 2.0 * float(np.linalg.norm(tip))
     u = -2.0 * tip / length
     side = np.cross(u, AXES[int(np.argmin(np.abs(u)))])
@@ -132,10 +135,10 @@ def _shape(kind: str, body: int, a: np.ndarray, b: np.ndarray, radius: float, ti
 
 
 def list_marks(series: Series, run: StoredRun, player: int) -> list[dict[str, Any]]:
-    """List the moments of a run to which a visitor can jump, in order of time.
+    """List the moments of a run to which a visitor can jump, in order of time, each with time, kind and words.
 
-    Their kinds are ``event``, ``whip`` (the largest energy error) and ``stop``; ``player`` is the run's position among
-    the players.
+    The kinds are ``event`` (reported by the solver), ``whip`` (the largest energy error) and ``stop``; ``player`` is
+    the run's position among the players.
     """
     t, out = series["t"], []
     for event in series.events[:EVENTS]:
@@ -159,7 +162,7 @@ def list_marks(series: Series, run: StoredRun, player: int) -> list[dict[str, An
     ]
 
 
-def strip(
+def reduce_to_spans(
     t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS
 ) -> Float[np.ndarray, "2 spans"]:
     """Return the smallest and largest value in each of ``spans`` equal spans of [0, t_end]; NaN in an empty span."""
@@ -171,8 +174,8 @@ def strip(
     return np.stack((low, high))
 
 
-def select_known(series: Sequence[Series]) -> list[Mapping[str, Any]]:
-    """Return the entries of ``STRIPS`` for which some run has a finite value; errors need a reference."""
+def select_known_strips(series: Sequence[Series]) -> list[Mapping[str, Any]]:
+    """Return the entries of ``STRIPS`` of which one of the runs' ``series`` has a finite value."""
     return [
         s for s in STRIPS if any(s["name"] in own and np.isfinite(own.points(s["name"])[1]).any() for own in series)
     ]
@@ -192,6 +195,6 @@ def make_strips(
         t, a = series.points(name) if name in series else (np.zeros(0), np.zeros(0))
         if name == "dt" and len(a) > 2 and not run.has_stopped:
             a = a[:-1]  # the last step is cut to end at t_end; in a failure it is of interest
-        low_high = strip(t[: len(a)], a, t_end, spans)
+        low_high = reduce_to_spans(t[: len(a)], a, t_end, spans)
         out += list(low_high) if kind["both"] else [low_high[1]]
     return np.stack(out)

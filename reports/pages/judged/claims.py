@@ -53,7 +53,7 @@ def make_grids(rows: Sequence[MapRow], by_settings: Mapping[str, StoredRun]) -> 
 
 
 def mark_setting(m: MapRow) -> Mark:
-    """Return the mark of a setting: whether the claim holds there; a run that stopped has its own mark."""
+    """Return the mark of a setting: holds, does not hold or not judged; unless it holds, a stopped run has its own."""
     stopped = mark_status(m.status).kind == "failed"
     if m.holds is None:
         return FAILED if stopped else UNKNOWN
@@ -61,19 +61,19 @@ def mark_setting(m: MapRow) -> Mark:
 
 
 def _make_boxes(rows: Sequence[MapRow], by_settings: Mapping[str, StoredRun]) -> list[dict[str, Any]]:
-    """Return one box per run at a place of a grid, or one for all if there are more than ``MOST``.
+    """Return the boxes at one place of a grid: one per run, or a single one for more than ``MOST``.
 
-    ``words`` describe the box.
+    A box has its mark, words on it, the page of its run and whether the paper prints its setting.
     """
     out = []
     for m in rows:
-        mark_of_it, run = mark_setting(m), by_settings.get(m.settings_id)
+        mark, run = mark_setting(m), by_settings.get(m.settings_id)
         measured = "" if math.isnan(m.measured) else f", measured {number(m.measured)}"
         printed = ", as the paper prints it" if m.printed else ""
         # the settings are on its page and in its place and facet
         name = f"{run.variant} {run.record.solver}" if run else m.case
-        words = f"{name} – {mark_of_it.word}{measured}, ended {mark_status(m.status).word}{printed}"
-        out.append({"mark": mark_of_it, "words": words, "page": address_run(run) if run else "", "printed": m.printed})
+        words = f"{name} – {mark.word}{measured}, ended {mark_status(m.status).word}{printed}"
+        out.append({"mark": mark, "words": words, "page": address_run(run) if run else "", "printed": m.printed})
     if len(rows) <= MOST:
         return out
     holds, stopped = (sum(mark_setting(m) is kind for m in rows) for kind in (HOLDS, FAILED))
@@ -86,10 +86,10 @@ def _make_boxes(rows: Sequence[MapRow], by_settings: Mapping[str, StoredRun]) ->
 
 
 def _sort_values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:
-    """Return the texts of an axis's values in order, numbers ``falling`` or rising, then texts (``1/h``) and None."""
+    """Return the distinct values of an axis as texts: numbers ``falling`` or rising, then texts (``1/h``) and None."""
 
     def key(v: Value) -> tuple[bool, float, str]:
-        """Return the sort key of a value."""
+        """Return the sort key that puts numbers in order before texts."""
         size = float(v) if isinstance(v, int | float) else math.nan
         return (True, 0.0, _format_value(v)) if math.isnan(size) else (False, -size if falling else size, "")
 
@@ -125,7 +125,7 @@ class ClaimView:
 
     @property
     def section(self) -> str:
-        """The heading that lists the claim: its group or, of what else the paper says, its section."""
+        """The heading under which the claim is listed: its group, or its section for what else the paper says."""
         if self.group != claim_groups.OTHERS:
             return self.group
         return f"Sect. {self.of.section}" if self.of.section[:1].isdigit() else self.of.section
@@ -133,7 +133,7 @@ class ClaimView:
     @property
     def shown(self) -> tuple[str, str]:
         """The setting whose numbers are shown, in words, and the command that repeats its run; empty without one."""
-        return claim_groups.name_shown(self.of), claim_groups.find_command(self.of)
+        return claim_groups.name_shown_setting(self.of), claim_groups.find_command(self.of)
 
     @property
     def sides(self) -> tuple[tuple[str, Mark, str], ...]:
@@ -160,7 +160,7 @@ def select_claims(
 ) -> tuple[ClaimView, ...]:
     """Return the claims for the page, in the order of their groups.
 
-    A claim without runs in these results is shown with its published verdict.
+    A claim that lacks runs in these results is shown with its verdict in ``published``, without map and runs.
     """
     taken: set[str] = set()
     kept = {c.id: c for c in published}
@@ -181,9 +181,9 @@ def count_judged(claims: Iterable[JudgedClaim]) -> int:
 
 
 def describe_origins(claims: Sequence[JudgedClaim], published: int, whose: str = "") -> str:
-    """Describe how many claims are judged from these runs, ``published`` for lack of runs, or tested by no run.
+    """Return a sentence on how many claims are judged from these runs, lack runs, or can be tested by no run.
 
-    ``whose`` follows the word claims.
+    ``published`` is the number of those that lack runs and show a published verdict; ``whose`` follows "claims".
     """
     lacking = sum(map(lacks_runs, claims))
     here = count_judged(claims)
@@ -205,7 +205,7 @@ def count_verdicts(claims: Iterable[ClaimView]) -> list[tuple[Mark, int]]:
 def list_differences(
     claims: Sequence[JudgedClaim], published: Sequence[JudgedClaim], shown: Sequence[ClaimView]
 ) -> list[dict[str, Any]]:
-    """Return the differences from the published verdicts: changed ones first, then added and removed claims."""
+    """Return the changes from the ``published`` claims: changed verdicts first, then removed and then added claims."""
     now, then = ({c.id: c for c in found} for found in (claims, published))
     anchors = {c.of.id: c.anchor for c in shown}
     out = []
@@ -229,7 +229,7 @@ def _format_first(c: JudgedClaim) -> str:
 
 
 def _show_claim(c: JudgedClaim, by_settings: Mapping[str, StoredRun], anchor: str) -> ClaimView:
-    """Return a claim as the page shows it, with the judged runs outside its map: some by name, the others counted."""
+    """Return a claim as the page shows it; of the judged runs off its map ``LISTED`` are named, the others counted."""
     line = None
     if c.tests:
         first = c.tests[0]

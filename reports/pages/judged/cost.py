@@ -90,10 +90,10 @@ def state_cheapest(found: Sequence[Frontier]) -> str:
 
 
 def list_fields(results: StoredResults, judged: Sequence[WorkPoint]) -> list[dict[str, Any]]:
-    """Return the work-precision points of each variant, variants with fewest absent solvers first.
+    """Return the fields of the page, the work-precision points of each variant, those with fewest solvers absent first.
 
-    Only ``judged`` runs are points, if there are any. ``absent`` lists solvers without a point, and how their runs
-    ended.
+    Only the runs of ``judged`` are points, or all if it is empty. ``absent`` lists solvers without a point, and how
+    their runs ended.
     """
     known, best = {p.settings_id for p in judged}, {p.settings_id for p in judged if p.best}
     out = []
@@ -122,7 +122,7 @@ def list_fields(results: StoredResults, judged: Sequence[WorkPoint]) -> list[dic
 
 
 def make_cost_plots(f: dict[str, Any]) -> dict[str, Plot]:
-    """Return plots of one entry of ``list_fields`` by ``<error>-<work>``.
+    """Return the plots of one field, see ``list_fields``, by their names ``<error>-<work>``.
 
     Energy and joints are plotted against fewer kinds of work, and for default and best settings only.
     """
@@ -168,9 +168,10 @@ class Growth:
 
 
 def measure_growths(runs: Sequence[StoredRun], bodies: Mapping[str, int]) -> list[Growth]:
-    """Return how the cost per step of each method grows on problems run at three sizes or more.
+    """Return the cost per step by number of bodies, for each method on each problem run at ``SIZES`` sizes or more.
 
-    ``bodies`` gives the number of bodies by run_id. Only successful runs with a CPU time count.
+    ``bodies`` gives the number of bodies by run_id. Only successful runs with a CPU time count; of several runs of the
+    same size the median is taken.
     """
     timed = [c for c in runs if c.is_success and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
     sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]

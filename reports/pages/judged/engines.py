@@ -63,7 +63,7 @@ class Contest:
 
 
 def list_contests(results: StoredResults) -> list[Contest]:
-    """Return a contest for each problem that solvers ran as shipped, with their tuned runs."""
+    """Return a contest for each problem with a reference that solvers ran as shipped; tuned runs are in it, too."""
     out = []
     for variant in results.variants:
         runs = [c for label in (SHIPPED, TUNED) for c in variant.labels().get(label, ())]
@@ -82,7 +82,7 @@ def list_packages(runs: Iterable[StoredRun]) -> list[str]:
 
 
 def describe_budget(found: Sequence[Contest]) -> str:
-    """Describe the tuning budget of every solver on every problem, read from the runs."""
+    """Describe the tuning budget, read from the runs: settings per solver, steps or tolerances, and CPU limit."""
     tuned = [c.record for contest in found for c in contest.variant.labels().get(TUNED, ())]
     if not tuned:
         return "nothing has been tuned yet"
@@ -122,7 +122,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
     found = list_contests(results)
     if not found:
         return None
-    plots = [_plot(c, site) for c in found]
+    plots = [_plot_contest(c, site) for c in found]
     shipped, tuned = np.sum([c.tally for c in found], axis=0)
     within = f"within {format_decade(TARGET)} m or rad"
     title = f"As shipped, {shipped[0]} of {shipped[1]} come {within}; tuned, {tuned[0]} of {tuned[1]}"
@@ -138,7 +138,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
     )
 
 
-def _plot(contest: Contest, site: Site) -> Plot:
+def _plot_contest(contest: Contest, site: Site) -> Plot:
     """Plot error against CPU time with a line from each contestant as shipped to its best settings."""
     measure, traces = contest.measure, []
     for pair in contest.pairs:

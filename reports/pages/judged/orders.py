@@ -100,7 +100,7 @@ def _describe_fit(o: Order) -> list[str]:
 
 
 def list_points(o: Order) -> list[tuple[float, float, str]]:
-    """Return step, error and use of each run; one left out of the fit is pre-asymptotic or lies on the floor."""
+    """Return step [s], error and use of each run: ``USED`` in the fit, ``EARLY`` (pre-asymptotic) or ``FLOORED``."""
     coarsest = max((dt for dt, used in zip(o.dt, o.used, strict=True) if used), default=math.inf)
     out = []
     for dt, error, used in zip(o.dt, o.error, o.used, strict=True):
@@ -110,7 +110,10 @@ def list_points(o: Order) -> list[tuple[float, float, str]]:
 
 
 def find_fit_ends(o: Order) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the ends of the fitted line through the mean of the used points' logarithms; None without an order."""
+    """Return the steps [s] and the errors at both ends of the fitted line; None without an order.
+
+    The line has the order as its slope and passes through the mean of the used points' logarithms.
+    """
     used = [(dt, error) for dt, error, kind in list_points(o) if kind == USED and error > 0.0 < dt]
     if len(used) < 2 or not math.isfinite(o.order):
         return None
@@ -131,7 +134,7 @@ def plot_ladders(orders: Sequence[Order]) -> list[Plot]:
         fitted = sorted((o for o in own if find_fit_ends(o)), key=lambda o: o.order)
         ends = " to ".join(dict.fromkeys(f"{o.order:.2f} ({o.case})" for o in fitted[:1] + fitted[-1:]))
         order = f" converges with order {ends}" if fitted else ""
-        title, drawn = f"{variant}: {quantity}{order}", tuple(t for o in own for t in _traces(o))
+        title, drawn = f"{variant}: {quantity}{order}", tuple(t for o in own for t in _make_traces(o))
         plots.append(put_triangles(Plot(name, title, "", step, error, drawn), own))
     return plots
 
@@ -142,7 +145,7 @@ def put_triangles(plot: Plot, orders: Sequence[Order]) -> Plot:
     return add_triangles(plot, [(round(o.order), Trace(o.case, *fit)) for o, fit in found])
 
 
-def _traces(o: Order) -> list[Trace]:
+def _make_traces(o: Order) -> list[Trace]:
     """Return a ladder as traces: the fitted line, and its points grouped by their use in the fit."""
     out = []
     if fit := find_fit_ends(o):

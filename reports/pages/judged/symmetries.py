@@ -37,8 +37,11 @@ def _name_outcome(s: Symmetry) -> str:
     return TOLERABLE if s.verdict == "broken" and not s.contradicts else s.verdict
 
 
-def tally(found: Sequence[Symmetry]) -> tuple[Mark, str]:
-    """Return the mark of the worst outcome among the runs that a symmetry was checked on, and how many keep it."""
+def summarize_outcomes(found: Sequence[Symmetry]) -> tuple[Mark, str]:
+    """Return the mark of the worst outcome among the checks ``found`` of a symmetry, and how many keep it, in words.
+
+    The words are empty if it is applicable to none.
+    """
     count = Counter(map(_name_outcome, found))
     worst = next(mark for outcome, mark in MARKS.items() if count[outcome])
     tried = len(found) - count["not applicable"]
@@ -57,7 +60,7 @@ def describe_symmetry(s: Symmetry) -> str:
     allowed = f"{missed} of {s.bound:.1e} m allowed"
     times = f"{s.deviation / s.bound:.3g} times the {s.bound:.1e} m allowed" if s.bound > 0.0 else "nothing allowed"
     if s.verdict == "broken":
-        said = f"{missed}, {times}{_qualify(s)}"
+        said = f"{missed}, {times}{_explain_tolerable(s)}"
     elif s.verdict == "undecided" and s.deviation > s.bound:
         said = f"{missed}, {times}, which is known to a tenth"
     elif s.verdict == "undecided":
@@ -71,7 +74,7 @@ def describe_symmetry(s: Symmetry) -> str:
     return f"{said} ({', '.join(parts)})"
 
 
-def _qualify(s: Symmetry) -> str:
+def _explain_tolerable(s: Symmetry) -> str:
     """Return the words on why a broken symmetry does not mislead; empty if it does."""
     if s.contradicts:
         return ""

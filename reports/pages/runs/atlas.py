@@ -32,7 +32,10 @@ CAUSES = ("killed", "unmoved", "chart", "dependent", "energy", "apart", "collaps
 
 
 def tabulate_survival(runs: Sequence[StoredRun]) -> dict[str, tuple[SolverScore, float]]:
-    """Return by solver how its runs ended and the least fraction of the time at which one stopped; 1 if none did."""
+    """Return by solver how its runs ended, and the least fraction of the time that a stopped run reached; 1 for none.
+
+    Unfinished runs are left out.
+    """
     ended = {name: [c for c in own if not c.is_unfinished] for name, own in sorted(group_by_solver(runs).items())}
     return {
         name: (count_outcomes(own), min((compute_reached_fraction(c) for c in own if c.has_stopped), default=1.0))
@@ -53,7 +56,8 @@ def group_stops(
 ) -> dict[str, dict[str, Any]]:
     """Group the runs that ``stopped`` by cause, in the order of ``CAUSES``, and into families by solver and problem.
 
-    The run with the plainest settings represents its family, with its last steps and the evidence in its series.
+    A cause has its families, the number of runs by solver, and their total. A family is represented by the run with the
+    plainest settings: by its last steps and the evidence in its series. ``looks`` are line styles by solver.
     """
     found = {c.record.run_id: find_first_cause(c, results.series(c, poses=False)) for c in stopped}
     out = {}
@@ -75,7 +79,7 @@ def group_stops(
 
 
 def plot_last_steps(run: StoredRun, series: Series | None, colour: str) -> tuple[Markup, ...]:
-    """Plot step, energy error and |phi| of the last steps; nothing without a series."""
+    """Draw a panel each of step size, energy error and |phi| over the last ``DRAWN`` steps; none without a series."""
     if series is None or "t" not in series or len(series["t"]) < 3:
         return ()
     rows = min(DRAWN, len(series["t"]) - 1)
@@ -87,7 +91,7 @@ def plot_last_steps(run: StoredRun, series: Series | None, colour: str) -> tuple
 
 
 def group_broken(runs: Sequence[StoredRun]) -> dict[str, tuple[tuple[StoredRun, ...], ...]]:
-    """Group wrong runs by the first law they break, the most frequent first, and by solver and problem."""
+    """Group the wrong ones of ``runs`` by the first law they break, the most frequent first, and into families."""
 
     def first_law(run: StoredRun) -> str:
         """Return the law that the run breaks, the first if there are several."""
@@ -105,14 +109,18 @@ def group_families(runs: Sequence[StoredRun]) -> tuple[tuple[StoredRun, ...], ..
     return tuple(tuple(found[k]) for k in sorted(found, key=lambda k: (-len(found[k]), k)))
 
 
-def state_stops(all_of: SolverScore) -> str:
-    """State how many runs stopped, and how many claim a success that is false."""
-    wrong = all_of.wrong
-    return f"{all_of.stopped} of {plural(all_of.began, 'run')} stopped, {wrong} {claim_success(wrong)}"
+def state_stops(score: SolverScore) -> str:
+    """Return words on how many runs stopped, and how many claim a success that is false."""
+    wrong = score.wrong
+    return f"{score.stopped} of {plural(score.began, 'run')} stopped, {wrong} {claim_success(wrong)}"
 
 
 def find_first_cause(run: StoredRun, series: Series | None) -> tuple[str, list[str]]:
-    """Return the first of ``CAUSES`` that applies to a stop, and the evidence in its series, in words."""
+    """Return the first of ``CAUSES`` that applies to a stopped run, and the evidence in its series, in words.
+
+    Without two rows of a series there is no evidence, and the cause is "killed" for a crash or a memory limit, else
+    "unmoved".
+    """
     r, died = run.record, run.status in (Status.CRASHED, Status.MEMORY)
     if series is None or "t" not in series or len(series["t"]) < 2:
         return "killed" if died else "unmoved", []
@@ -120,10 +128,10 @@ def find_first_cause(run: StoredRun, series: Series | None) -> tuple[str, list[s
         s
         for s in (
             _check_chart(series),
-            _check_size(
+            _check_last_value(
                 series, "energy", "energy_error", "J", r.energy_scale_J, ENERGY, "energy error {} the energy exchanged"
             ),
-            _check_size(series, "apart", "phi_norm", "m", r.length_scale_m, APART, "|φ| {} the mechanism's size"),
+            _check_last_value(series, "apart", "phi_norm", "m", r.length_scale_m, APART, "|φ| {} the mechanism's size"),
             _check_step(series),
         )
         if s is not None
@@ -143,7 +151,7 @@ def find_first_cause(run: StoredRun, series: Series | None) -> tuple[str, list[s
 
 
 def _check_step(series: Series) -> tuple[str, bool, str] | None:
-    """Return ("collapse", whether the step size collapsed before the end, words); None for fewer than two steps."""
+    """Return the cause "collapse", whether the step size collapsed at the end, and words; None below two steps."""
     dt = series["dt"][1:] if "dt" in series else np.empty(0)
     dt = dt[np.isfinite(dt)]
     if len(dt) < 2:
@@ -155,21 +163,21 @@ def _check_step(series: Series) -> tuple[str, bool, str] | None:
 
 
 def find_usual_step(dt: Float[np.ndarray, " n"]) -> float:
-    """Return the step such that half of the time was covered by steps at least as long [s].
+    """Return the step size such that half of the time was covered by smaller steps and half by larger ones [s].
 
-    The many small steps before a stop then do not count.
+    The many small steps before a stop then hardly count.
     """
     ordered = np.sort(dt)
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))])
 
 
-def _check_size(
+def _check_last_value(
     series: Series, cause: str, name: str, unit: str, scale: float, limit: float, words: str
 ) -> tuple[str, bool, str] | None:
-    """Return (``cause``, whether an error exceeds ``limit`` times its ``scale`` at the end, words).
+    """Return ``cause``, whether the last value of the series ``name`` exceeds ``limit`` times ``scale``, and evidence.
 
-    The words are ``words`` with the error and its fraction of the scale, and with its growth if that exceeds an
-    oscillation. None is returned without values.
+    The evidence is ``words`` with that value and its percentage of the scale, and with its growth over the last rows if
+    that exceeds an oscillation. None is returned without values or scale.
     """
     tail = np.abs(series.tail(name, LAST)) if name in series else np.zeros(0)
     if not len(tail) or not scale > 0.0:
@@ -186,9 +194,9 @@ def _check_size(
 
 
 def _check_chart(series: Series) -> tuple[str, bool, str] | None:
-    """Return ("chart", True, words) if the motion came near a singularity of its chart, else None.
+    """Return the cause "chart", True, and words if the motion came near a singularity of its chart, else None.
 
-    Solvers in angles record how near they came.
+    Solvers in Euler angles record |sin theta|, which vanishes there; others record nothing.
     """
     if "diag_chart_margin" not in series:
         return None

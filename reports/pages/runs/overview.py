@@ -14,7 +14,7 @@ from ...model.catalogue import is_engine, name_external_code
 from ...model.curves import find_maxima
 from ...model.frontier import choose_target, select_broad, tabulate_costs
 from ...model.heat import HeatCell, HeatMap
-from ...model.margin import LEVELS, describe_break, find_margin
+from ...model.margin import LEVELS, describe_excess, find_margin
 from ...model.results import StoredResults, StoredRun, Variant, group_by, read_results
 from ...model.scores import name_unpredictable
 from ...model.tracking import list_tracking_times
@@ -49,9 +49,9 @@ def write(results: StoredResults, site: Site) -> Page | None:
     races = tabulate_costs(results, found, site.url)
     stages = [site.scenes[p.title] for p in choose_miniatures(picture, label) if p.title in site.scenes]
     on = stages[0] if stages else {}
+    same_problem = [k for k, r in enumerate(races) if r["problem"] == on.get("problem")]
     # of these the one with most points is shown first
-    near = [k for k, r in enumerate(races) if r["problem"] == on.get("problem")]
-    first = max(near, key=lambda k: sum(len(s["points"]) for s in races[k]["solvers"].values()), default=0)
+    first = max(same_problem, key=lambda k: sum(len(s["points"]) for s in races[k]["solvers"].values()), default=0)
     target = choose_target(races[first]) if races else 0
     problems, rows = (picture.problems, picture.rows) if picture else ((), ())
     boxes = [(row.solver, p, b) for row in rows for p, b in zip(problems, row.boxes, strict=True) if b]
@@ -72,7 +72,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
         "colours": {s: k.colour for s, k in site.looks.items()},
     }
     scripts = [
-        site.bundle("overview", data),
+        site.write_bundle("overview", data),
         *(f"data/{s['file']}.js" for s in stages[:1]),
         "assets/stage.js",
         "assets/overview.js",
@@ -140,12 +140,12 @@ def _describe_cell(
 
 
 def list_false_successes(results: StoredResults, label: str) -> tuple[list[dict[str, Any]], int, int]:
-    """Return cards of false successes, the number of wrong runs, and of solvers of which a card could be shown.
+    """Return cards of false successes, the number of wrong runs, and the number of solvers that could have a card.
 
-    A card is the largest violation of a solver: of its runs in the group ``label`` if there are any, of these at
-    default options if there are any. External code comes first; at most ``CARDS`` are returned. A run that is wrong by
-    rates alone and right by comparison misleads nobody and has no card. If these results have no engine, the published
-    false successes of engines are shown too, but not counted.
+    A card shows the largest violation of a solver, among its wrong runs under ``label`` if there are any, and of these
+    among those with default options if there are any. External code comes first; at most ``CARDS`` are returned. A run
+    that is wrong by rates alone and right by comparison misleads nobody and has no card. If these results have no
+    engine, published false successes of engines have cards, too, but do not count as wrong runs.
     """
     wrong = [c for c in results.runs if c.status == "wrong"]
     engines = any(is_engine(s) for s in results.solvers)
@@ -154,7 +154,7 @@ def list_false_successes(results: StoredResults, label: str) -> tuple[list[dict[
     def key(c: StoredRun) -> tuple[bool, bool, bool, float, str]:
         """Return the sort key: external code first, then the plain comparison, default options, large violations."""
         m = find_margin(c)
-        size = m.part if m and math.isfinite(m.part) else 0.0
+        size = m.ratio if m and math.isfinite(m.ratio) else 0.0
         return not name_external_code(c.record.solver), c.record.label != label, bool(c.options), -size, c.record.run_id
 
     shown = [c for c in (*wrong, *published) if is_misleading(c.record, c.record.reasons)]
@@ -163,25 +163,34 @@ def list_false_successes(results: StoredResults, label: str) -> tuple[list[dict[
 
 
 def _make_card(results: StoredResults, run: StoredRun, published: bool) -> dict[str, Any]:
-    """Describe a false success: the law that it breaks, and its motion at the end of the time that is judged."""
+    """Return the seven entries of the card of a false success, as the template reads them.
+
+    These are the run, the name of its external code (empty for a solver of the project), whether it is a ``published``
+    run of an engine, its picture over the exact motion, a sentence on the limit that it exceeds, the time [s] of the
+    picture, and the command that repeats it. The time is the least of those to which the run came, its reference is
+    known, and the run was judged. The picture is None for published runs and for runs without stored poses.
+    """
     m, r = find_margin(run), run.record
     reason = m.error if m else r.reasons[0]
-    drawn = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)
-    seen = project_moment(results, run, drawn) if r.series and not published else None
-    words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
+    drawn_at = min(t for t in (r.t_reached_s, r.reference_horizon_s, r.judged_to_s) if t > 0.0)  # others: not known
+    seen = project_moment(results, run, drawn_at) if r.series and not published else None
+    words = f"{r.solver} on {run.variant} at {time(drawn_at)} s, over the exact motion"
     return {
         "run": run,
-        "code": name_external_code(r.solver).partition(" on ")[0],
+        "code": name_external_code(r.solver).partition(" on ")[0],  # of "SUNDIALS CVODE on Eq. (65)" the package
         "published": published,
         "picture": draw_snapshot(*seen, words) if seen else None,
-        "broken": describe_break(reason),
-        "drawn": drawn,
+        "broken": describe_excess(reason),
+        "drawn_at": drawn_at,
         "command": write_command(r, results.plugins),
     }
 
 
 def draw_strips(picture: HeatMap | None, looks: Mapping[str, LineStyle]) -> list[dict[str, Any]]:
-    """Draw how long each solver tracks the exact motion: one strip, with counts, per problem with a reference."""
+    """Draw for each problem with a reference a strip that shows how long each solver tracks the exact motion.
+
+    A strip has a dot for each solver that does not track it to its end, and the number of those that do.
+    """
     out = []
     for variant in picture.problems if picture else ():
         own = list_tracking_times(variant)

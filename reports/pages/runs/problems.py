@@ -40,17 +40,18 @@ SMALL = 60  # frames of a miniature
 def tabulate_extras(
     runs: Sequence[StoredRun],
 ) -> Iterator[tuple[str, dict[str, str], list[tuple[StoredRun, list[float]]]]]:
-    """Yield the tables of observables against the reference and of invariants against their start, if any run has them.
+    """Yield a table of observables against the reference and one of invariants against their start.
 
-    Each has a title, units by name and a row of numbers per run.
+    A table has a title, units by name and a row of numbers per run, NaN where a run lacks one; it is left out if no run
+    has any.
     """
     for title, found in (
         ("Largest distance of observables from the reference", [c.record.observables for c in runs]),
         ("Largest departure of invariants from their start", [c.record.invariants for c in runs]),
     ):
         if any(found):
-            units = {n: unit(e.unit) for of in found for n, e in of.items()}
-            rows = ([of[n].max if n in of else math.nan for n in units] for of in found)
+            units = {n: unit(e.unit) for own in found for n, e in own.items()}
+            rows = ([own[n].max if n in own else math.nan for n in units] for own in found)
             yield title, units, list(zip(runs, rows, strict=True))
 
 
@@ -92,7 +93,11 @@ def write(results: StoredResults, site: Site) -> Page | None:
 
 
 def write_variant(results: StoredResults, site: Site, variant: Variant) -> Markup | None:
-    """Add ``problem-<slug>.html`` of one variant to the site; return the drawing of its start."""
+    """Add ``problem-<slug>.html`` of one variant to the site, with its animation; return the drawing of its start.
+
+    The animation's data and the runs with curves are kept in the site for other pages. A variant outside the plain
+    comparison has no animation, and fewer and coarser curves.
+    """
     label = find_plain_label(results)
     plain = any(p.title == variant.title for p in select_variants(results, label))  # at its default presentation
     spans = SPANS_UPPER if plain else SPANS_VARIANT
@@ -145,36 +150,36 @@ def write_variant(results: StoredResults, site: Site, variant: Variant) -> Marku
 def choose_miniatures(picture: HeatMap | None, label: str) -> list[Variant]:
     """Choose for each problem of the heat map the variant with most wrong solvers, then with most runs.
 
-    At most ``MINIATURES`` are returned, in the same order.
+    The first ``MINIATURES`` by the same criteria are returned. Wrong runs under ``label`` count first.
     """
 
-    def telling(variant: Variant) -> tuple[int, int, int]:
+    def count_wrong(variant: Variant) -> tuple[int, int, int]:
         """Return the sort key: wrong solvers in the plain comparison, wrong solvers in all, and runs."""
         wrong = [c for c in variant.runs if c.status == "wrong"]
         plain = {c.record.solver for c in wrong if c.record.label == label}
         return len(plain), len({c.record.solver for c in wrong}), len(variant.runs)
 
     found = group_by(picture.problems if picture else (), lambda p: p.problem)
-    best = [max(own, key=telling) for own in found.values()]
-    return sorted(best, key=telling, reverse=True)[:MINIATURES]
+    best = [max(own, key=count_wrong) for own in found.values()]
+    return sorted(best, key=count_wrong, reverse=True)[:MINIATURES]
 
 
 def choose_roles(variant: Variant, label: str, site: Site) -> list[tuple[StoredRun, str]]:
-    """Choose the runs to animate: an accurate cheap one, the paper's method, and a false success or else the last.
+    """Choose at most three runs to animate, each with words on its role; only runs with a series are chosen.
 
-    Each is returned with words on its role. The false success is of an implicit method if there is one, since most
-    codes in use are implicit, and of those at default options in the group ``label`` if there is one; the last is that
-    of lowest rank.
+    They are an accurate cheap run, one of the paper's method, and a false success or, without one, the run nearest to a
+    limit. The false success is of an implicit method if there is one, since most codes in use are implicit, then one
+    with default options under ``label``, then the one with the largest violation.
     """
     best_first = [b.run for b in sort_cells(make_cells(variant, label))]
-    cheap, cheapest = "among the cheapest accurate", _cheapest_first(variant, site)
+    cheap, cheapest = "among the cheapest accurate", _sort_by_cost(variant, site)
     if not cheapest:
         cheap, cheapest = "far below its limits", best_first
     paper = sorted(
         (c for c in best_first if c.record.paper_label.startswith(PAPER) and c.is_success),
         key=lambda c: len(c.record.paper_label),
     )
-    sizes = {c.record.run_id: min(m.part, 1e9) if (m := find_margin(c)) else 0.0 for c in variant.runs}
+    sizes = {c.record.run_id: min(m.ratio, 1e9) if (m := find_margin(c)) else 0.0 for c in variant.runs}
     wrong = sorted(
         (c for c in variant.runs if c.status == "wrong"),
         reverse=True,
@@ -193,14 +198,21 @@ def choose_roles(variant: Variant, label: str, site: Site) -> list[tuple[StoredR
     return list(out.values())
 
 
-def _cheapest_first(variant: Variant, site: Site) -> list[StoredRun]:
-    """Sort successes by their solver's cost at one error, which may come from the same motion with another end time."""
+def _sort_by_cost(variant: Variant, site: Site) -> list[StoredRun]:
+    """Return the successes of a variant, sorted by their solver's cost at one error, then by their own CPU time.
 
-    def start(v: Variant) -> dict[str, Any]:
+    Costs may come from the same motion with another end time; solvers without a cost are left out.
+    """
+
+    def select_motion(v: Variant) -> dict[str, Any]:
         """Return the parameters without the end time: variants that agree in them have the same motion."""
         return {name: value for name, value in v.runs[0].parameters.items() if name != "t_end"}
 
-    same = {v.title for v in site.results.variants if v.problem == variant.problem and start(v) == start(variant)}
+    same = {
+        v.title
+        for v in site.results.variants
+        if v.problem == variant.problem and select_motion(v) == select_motion(variant)
+    }
     found = select_at_shared_target([f for f in site.frontiers if f.variant in same])
     order = [p.run.record.solver for f in sorted(found, key=lambda f: -len(f.places)) for p in f.places]
     sound = [c for c in variant.runs if c.is_success and c.record.solver in order]
@@ -213,7 +225,7 @@ def write_stage(results: StoredResults, site: Site, variant: Variant, label: str
     play = make_stage(results, roles, measure, site.looks)
     if play is None:
         return None
-    site.bundle(f"stage-{variant.slug}", play)
+    site.write_bundle(f"stage-{variant.slug}", play)
     small = make_stage(results, roles[:1], measure, site.looks, SMALL)
     return {
         "file": f"stage-{variant.slug}",
@@ -226,7 +238,7 @@ def write_stage(results: StoredResults, site: Site, variant: Variant, label: str
 
 
 def _describe_role(run: StoredRun, role: str, site: Site) -> dict[str, str]:
-    """Return what the page shows beside a run: its solver and step, what it claimed and what was measured."""
+    """Return what the page shows beside an animated run: its solver and step, what it claimed and what was measured."""
     measured, r = mark_status(run.status), run.record
     return {
         "solver": r.solver,

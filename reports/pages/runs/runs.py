@@ -21,7 +21,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
     """Add ``runs/<run>.html`` of every run and ``runs.html`` to the site, none in the navigation; None without runs."""
     if not results.runs:
         return None
-    meanings = site.data("meanings", {c.heading: c.meaning for c in COLUMNS})
+    meanings = site.write_data("meanings", {c.heading: c.meaning for c in COLUMNS})
     variants = {c.record.run_id: p for p in results.variants for c in p.runs}
     for run in results.runs:
         slug = site.drawn.get(run.record.run_id)
@@ -39,14 +39,14 @@ def write(results: StoredResults, site: Site) -> Page | None:
     label = find_plain_label(results)
     main = {c.record.run_id for p in select_variants(results, label) for c in p.runs}
     ordered = sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main))
-    scripts = [site.bundle("runs", _tabulate_runs(results, site, ordered)), "assets/runs.js"]
+    scripts = [site.write_bundle("runs", _tabulate_runs(results, site, ordered)), "assets/runs.js"]
     return site.write(Page("All runs", "runs.html"), "runs.html", scripts=scripts)
 
 
 def _list_numbers(run: StoredRun) -> list[tuple[str, str]]:
-    """List heading and value of every number that this run has, and the solver's counters that are not columns.
+    """List heading and value of every number that this run has, with its limit, if any, in parentheses.
 
-    A value with a limit has it beside it.
+    The solver's counters that are not columns, or differ from them, come last.
     """
     found = ((c, c.text(run)) for c in COLUMNS if c.key not in LEFT_OUT)
     out = [
@@ -58,9 +58,10 @@ def _list_numbers(run: StoredRun) -> list[tuple[str, str]]:
 
 
 def _tabulate_runs(results: StoredResults, site: Site, runs: Sequence[StoredRun]) -> dict[str, Any]:
-    """Return ``runs`` as rows of numbers and texts; problems, solvers and labels are indices into lists.
+    """Return the data of the table of all runs: ``rows``, and the lists that they refer to by index.
 
-    The last entries of a row are those of the columns that declare to be in this table.
+    The lists are those of solvers, problems and labels. A row ends with the values of the columns declared for this
+    table, None for NaN; ``shows`` names their formats.
     """
     titles = [p.title for p in results.variants]
     variants, labels, solvers = (

@@ -26,7 +26,10 @@ QUANTITY = "position"  # the quantity whose order represents a solver
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Add ``solvers.html`` and each ``solver-<name>.html`` to the site, and write the files ``badges/<name>.svg``."""
+    """Add ``solvers.html`` and each ``solver-<name>.html`` to the site, and write the files ``badges/<name>.svg``.
+
+    Return the first; the certificate cards are kept in the site for other pages.
+    """
     label = find_plain_label(results)
     plain = {p.title for p in select_variants(results, label)}
     judged = [read_judged_or_published(results.folder, file) for file in FILES]
@@ -63,7 +66,7 @@ def write(results: StoredResults, site: Site) -> Page | None:
             runs=runs,
             score=count_outcomes(runs),
             most=CHIPS,
-            options=_options(runs),
+            options=_score_options(runs),
             reasons=reasons,
             paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})),
             loud=[c for c in loud if c.record.solver == name],
@@ -88,8 +91,11 @@ def write(results: StoredResults, site: Site) -> Page | None:
     )
 
 
-def _options(runs: Sequence[StoredRun]) -> dict[str, SolverScore]:
-    """Score the runs by every option that differs from its default; runs with all defaults come first."""
+def _score_options(runs: Sequence[StoredRun]) -> dict[str, SolverScore]:
+    """Count how runs ended by every option that differs from its default; runs with all defaults come first.
+
+    A run with several such options counts for each of them.
+    """
     found: dict[str, list[StoredRun]] = {}
     for c in runs:
         for words in [f"{k} = {format_exactly(v)}" for k, v in c.options.items()] or ["all at their defaults"]:
@@ -105,11 +111,12 @@ def describe_solver(
     followed: Sequence[TrackingTime],
     costs: Sequence[Frontier],
 ) -> dict[str, Any]:
-    """Return facts about a solver at its default options, and a badge with them; unknown facts are left out.
+    """Return a solver's certificate card: facts at its default options, and a badge with them.
 
     The facts are the order of fixed steps with the narrowest interval, and how many problems agree on its verdict; the
-    energy drift of the longest run; the shortest relative tracking time; the mean cost ratio to the cheapest at one
-    error. A fact is its name, its value, the value on the badge, and the kind of mark that colours it.
+    energy drift of the longest run; the shortest relative tracking time; the geometric mean of its cost ratios to the
+    cheapest at one error. Unknown facts are left out. A fact is its name, its value, the value on the badge, and the
+    kind of mark that colours it.
     """
     facts: list[tuple[str, str, str, str]] = []
     plain = (o for o in orders if (o.solver, o.case, o.quantity) == (solver, solver, QUANTITY))
@@ -119,13 +126,15 @@ def describe_solver(
         on = f"{best.verdict} on {sum(o.verdict == best.verdict for o in own)} of {plural(len(own), 'problem')}"
         value = f"{best.order:.2f} ({best.low:.2f} to {best.high:.2f}){declared}, on {best.variant}; {on}"
         facts.append(("order", value, f"{best.order:.2f}", order_words.mark_verdict(best.verdict).kind))
+    # a case is the problem, the solver with its options, if any, and the setting
     if long := [d for d in drifts if d.solver == solver and d.periods and d.case.split()[1:2] == [solver]]:
         d = max(long, key=lambda d: (d.periods, d.variant))
         words = {"trend": "drifts", "failed": "stops"}.get(d.verdict, d.verdict)
         over = f"{words} over {plural(d.periods, 'period')} of {d.problem}"
         moved = f", by {number(abs(d.trend_W * d.span_s), 2)} J" if d.verdict == "trend" else ""
-        setting = "".join(f" at {k}" for k in [" ".join(d.case.split()[2:])] if k)
-        facts.append(("energy", f"{over}{moved}{setting}", over, order_words.mark_verdict(d.verdict).kind))
+        setting = " ".join(d.case.split()[2:])
+        value = f"{over}{moved}{f' at {setting}' if setting else ''}"
+        facts.append(("energy", value, over, order_words.mark_verdict(d.verdict).kind))
     if motions := [f for f in followed if f.run.record.solver == solver and f.known > 0.0]:
         whole, least = sum(f.whole for f in motions), min(motions, key=lambda f: f.until / f.known)
         value = f"{whole} of {plural(len(motions), 'motion')} to the end of the reference"

@@ -32,9 +32,10 @@ def write_variant(results: StoredResults, site: Site, variant: Variant) -> dict[
 
 
 def write(results: StoredResults, site: Site) -> Page | None:
-    """Add a page with the motions of each variant to the site, and a file with their poses beside it.
+    """Add the theatre of each variant to the site, a page beside the data file that ``write_variant`` wrote.
 
-    Variants above their share of ``ALL_BYTES`` get fewer poses. Return the first page, or None where no run has poses.
+    Data files above their part of ``ALL_BYTES`` are written again with fewer poses. Return the first page, or None if
+    no run has poses.
     """
     stages = {slug: own for slug, own in site.parts.get(__name__, {}).items() if own is not None}
     level = find_size_limit([t["size"] for t in stages.values()], ALL_BYTES)
@@ -56,7 +57,10 @@ def write(results: StoredResults, site: Site) -> Page | None:
 
 
 def _list_variants(results: StoredResults) -> list[Variant]:
-    """List the variants, those of the plain comparison first, without those that repeat another one's motion."""
+    """List the variants that get a theatre, those of the plain comparison first, at most ``MOST`` unless it has more.
+
+    Variants that repeat the motion of another one are left out.
+    """
     plain = {p.problem for p in results.variants if not has_same_motion(p)}
     found = [p for p in results.variants if not has_same_motion(p) or p.problem not in plain]
     first = {p.slug for p in select_variants(results, find_plain_label(results))}
@@ -74,25 +78,25 @@ def _write_theatre(results: StoredResults, site: Site, variant: Variant, pose_by
     play, added = make_scene(variant, cast, site.looks, pose_bytes, more)
     name = f"theatre-{variant.slug}"
     for player in added:
-        site.bundle(f"{name}-{player['run']}", player)
-    path = site.bundle(name, play)
+        site.write_bundle(f"{name}-{player['run']}", player)
+    path = site.write_bundle(name, play)
     return {
         "variant": variant,
         "name": name,
         "path": path,
         "size": (site.folder / path).size(),
-        "play": _without_arrays(play),  # the arrays are in the data file
+        "play": _drop_arrays(play),  # the arrays are in the data file
         "players": [p.run for p in cast],
         "left_out": left_out,
         "addable": [p.run for p in more],
     }
 
 
-def _without_arrays(value: Any) -> Any:
-    """Return nested data without its NumPy arrays."""
+def _drop_arrays(value: Any) -> Any:
+    """Return nested data without the NumPy arrays in its dictionaries; tuples become lists."""
     if isinstance(value, dict):
-        return {k: _without_arrays(v) for k, v in value.items() if not isinstance(v, np.ndarray)}
-    return [_without_arrays(v) for v in value] if isinstance(value, list | tuple) else value
+        return {k: _drop_arrays(v) for k, v in value.items() if not isinstance(v, np.ndarray)}
+    return [_drop_arrays(v) for v in value] if isinstance(value, list | tuple) else value
 
 
 def find_size_limit(sizes: Sequence[int], whole: float) -> float:

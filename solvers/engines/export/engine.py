@@ -43,7 +43,10 @@ class SupportedElements:
 
 
 def refuse_unsupported(system: MultibodySystem, taken: SupportedElements) -> str | None:
-    """Return a refusal that names the elements of ``system`` beyond those ``taken``, with reasons, or None."""
+    """Return a refusal that lists the elements of ``system`` that an adapter does not pass on, or None.
+
+    ``taken`` are the elements that it passes on, with reasons for those that it does not.
+    """
     named, elements = {LOADS: "a load", VARYING: "a load that varies"}, taken.elements
     found = dict[str, list[str]]()
     for k, name in enumerate(system.joint_names):
@@ -69,7 +72,7 @@ def refuse_unsupported(system: MultibodySystem, taken: SupportedElements) -> str
 
 
 def describe_engine(name: str) -> str:
-    """Return the name and the installed version of the package ``name``, for the notes of a run."""
+    """Return "NAME VERSION" of the installed package ``name``, for the notes of a run."""
     return f"{name} {importlib.metadata.version(name)}"
 
 

@@ -41,6 +41,7 @@ class KeptRows:
     """Constraint rows in use from ``start`` on, those of ``kept`` or a maximal independent set, and their monitor."""
 
     def __init__(self, system: MultibodySystem, start: State, kept: Bool[np.ndarray, " nrows"] | None = None) -> None:
+        """Choose the rows at ``start``, and set the limits of the monitor."""
         self._system = system
         partial = np.flatnonzero((system.joint_points == 3) & (system.joint_axes > 0))
         self._frames = {int(k): make_joint_frames(system, start, int(k))[1] for k in partial}
@@ -52,20 +53,23 @@ class KeptRows:
         self._arm = float(max(np.max(np.abs(system.joint_s_i), initial=0.0), np.max(system.gyration)))
 
     def examine_states(self, s: States, dt: float) -> WornRows | None:
-        """Examine the rows kept at further states; return where they are too dependent and better rows, or None.
+        """Return where the rows in use become too dependent among these states, and better rows; None if nowhere.
 
-        States are ``dt`` [s] apart and follow those of the call before, of which the monitor remembers rows and turns.
-        Only states ``TURN`` apart are examined, and always the last one.
+        The states ``s`` are ``dt`` [s] apart and follow those of the call before, of which the monitor remembers rows
+        and turns. Only states some ``TURN`` [rad] of rotation apart are examined, and the last one. Always None where
+        no row was left out, or for more than ``LARGEST`` rows.
         """
         if not self._watched or not len(s.r):
             return None
         rate = np.linalg.norm(s.Omega, axis=2) + np.linalg.norm(s.v, axis=2) / self._arm
         turned = np.cumsum(np.append(self._turned, np.max(rate, axis=1) * dt))
         self._turned = float(turned[-1])
-        looks = np.union1d(np.flatnonzero(np.diff(np.floor(turned / TURN)) > 0.0), len(s.r) - 1)
+        examined = np.union1d(np.flatnonzero(np.diff(np.floor(turned / TURN)) > 0.0), len(s.r) - 1)
         last, number = -1, int(np.sum(self.kept))
         for at, A, gap in zip(
-            looks, *self._scale_rows(States(s.r[looks], s.R[looks], s.v[looks], s.Omega[looks])), strict=True
+            examined,
+            *self._scale_rows(States(s.r[examined], s.R[examined], s.v[examined], s.Omega[examined])),
+            strict=True,
         ):
             least = _find_least_singular_value(A[self.kept])
             opened = np.max(gap[~self.kept]) > TIMES * np.max(gap[self.kept]) + OPEN * self._arm
@@ -82,10 +86,10 @@ class KeptRows:
         return None
 
     def _scale_rows(self, s: States) -> tuple[Float[np.ndarray, "nt nrows n"], Float[np.ndarray, "nt nrows"]]:
-        """Return A of all constraint rows, scaled to length one, and their gaps |phi|, scaled alike [m], at each state.
+        """Return the Jacobian A of all constraint rows, each scaled to length one, and |phi| [m], divided likewise.
 
-        A multiplies (r_dot, gyration Omega). Point rows of a joint that also has axis rows are along the axes of its
-        body j.
+        Both are at each state of ``s``. A multiplies (r_dot, radius of gyration times Omega). Point rows of a joint
+        that also has axis rows are along the axes of its joint frame in body j.
         """
         system = self._system
         six = np.zeros((len(s.r), system.nrows, system.nb, 6))
@@ -105,10 +109,10 @@ class KeptRows:
 def make_joint_frames(
     system: MultibodySystem, start: State, k: int
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
-    """Return columns x, y, z of the joint frame of joint ``k`` in the frames of i and of j; z is its axis, in i.
+    """Return the frame of joint ``k`` at ``start``, its axes x, y, z as columns in body i, and in body j.
 
-    With Exudyn's marker 0 on j its rows equal this project's: points along x and y of j, the axis of i normal to x or
-    y of j.
+    z is the joint's axis. With Exudyn's marker 0 on j its rows are then this project's: points along x and y of j, the
+    axis of i normal to x or y of j.
     """
     R = np.concatenate((start.R, np.eye(3)[None]))
     x, y = system.joint_n[k, :2]
@@ -121,7 +125,7 @@ def make_joint_frames(
 
 
 def _choose_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) -> Bool[np.ndarray, " nrows"]:
-    """Return flags of the ``number`` most independent rows by a pivoted QR, of all independent ones if negative."""
+    """Return flags of the ``number`` most independent rows by a pivoted QR; of all independent ones if negative."""
     out = np.zeros(len(rows), dtype=bool)
     if len(rows):
         _, size, order = factor_with_pivots(rows.T)
@@ -130,5 +134,5 @@ def _choose_independent(rows: Float[np.ndarray, "nrows n"], number: int = -1) ->
 
 
 def _find_least_singular_value(rows: Float[np.ndarray, "k n"]) -> float:
-    """Return the least singular value of ``rows``."""
+    """Return the least singular value of the matrix ``rows``, which measures how independent they are."""
     return float(np.linalg.svd(rows, compute_uv=False)[-1])

@@ -37,9 +37,10 @@ def march(
     """Integrate by calls of ``advance`` until ``t_end``, a limit or a failure, and return the trajectory.
 
     With ``control.dt`` the last step is shortened to end at ``t_end``; without it the engine chooses its steps, and
-    each row begins with its time [s]. ``states`` converts rows, without times, to poses and velocities. ``stretch`` is
-    the number of steps times bodies per call; ``seconds`` reads the CPU clock [s] of the process that steps. The CPU
-    time of the run is that of ``advance`` alone; all since ``clock`` was made, until the first call, is set-up.
+    each row begins with its time [s]. ``states`` converts rows, without times, to poses and velocities. A call of
+    ``advance`` takes ``stretch`` / (number of bodies) steps; ``seconds`` reads the CPU clock [s] of the process that
+    steps. CPU time of the run is that of ``advance`` alone; the time since ``clock`` was made, until the first call, is
+    set-up.
     """
     dt, t_end = control.dt, problem.t_end
     full, last = (int(t_end / dt + 1e-9), int(np.ceil(t_end / dt - 1e-9))) if dt else (0, 0)
@@ -48,7 +49,7 @@ def march(
     setup, spool = clock.restart(), control.spool
 
     def take_stretch() -> None:
-        """Append the steps of the next stretch; raise ``StepFailure`` where it fails."""
+        """Take the next stretch of steps, and append those before a failure; raise ``StepFailure`` if there is one."""
         nonlocal cpu
         n = len(t) - 1
         k, h = min(most, control.max_steps - n), 0.0
@@ -82,5 +83,5 @@ def march(
 
 
 def _join_states(parts: list[States]) -> States:
-    """Return the states of all ``parts``, concatenated in time."""
+    """Return the states of all ``parts``, concatenated along time."""
     return States(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("r", "R", "v", "Omega")))

@@ -55,10 +55,10 @@ class EngineModel:
 
 
 def measure_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
-    """Return the relative difference of an engine's model from the expected one at the start, by quantity.
+    """Return by quantity how far an engine's model differs from this project's equations at the start of ``problem``.
 
-    Matrices, forces and accelerations are compared relative to their largest entry, energies to T + |V| + m |g| |r|,
-    the number of degrees of freedom to the expected number.
+    Differences of matrices, forces and accelerations are relative to the largest entry, those of energies to
+    T + |V| + m |g| |r|, that of the number of degrees of freedom to the expected number.
     """
     system, start, T = problem.system, problem.initial, model.T
     one = States.one(start)
@@ -87,7 +87,10 @@ def measure_differences(problem: Problem, model: EngineModel) -> dict[str, float
 
 
 def refuse_model(engine: str, problem: Problem, model: EngineModel) -> str | None:
-    """Return the refusal of an engine's model that differs from the expected one by more than ``SAME``, or None."""
+    """Return the refusal of an engine's model where a quantity of ``measure_differences`` exceeds ``SAME``, or None.
+
+    The refusal names the quantity with the largest difference.
+    """
     found = measure_differences(problem, model)
     worst = max(found, key=lambda k: found[k] if np.isfinite(found[k]) else np.inf)
     if found[worst] <= SAME:
@@ -99,11 +102,11 @@ def refuse_model(engine: str, problem: Problem, model: EngineModel) -> str | Non
 def refuse_forces(
     engine: str, problem: Problem, model: EngineModel, loops: Float[np.ndarray, "nl nu"], levels: int, eps: float
 ) -> str | None:
-    """Return the refusal of an engine's model in single precision that differs from the expected one, or None.
+    """Return the refusal of an engine's model in single precision that differs by more than rounding, or None.
 
     ``loops`` is the expected Jacobian of cut joints, ``levels`` the number of bodies on the longest path from the
     ground, ``eps`` the relative precision of the engine's numbers. Forces, loop rows and the mass matrix may differ by
-    k ``eps``, k of the module's docstring.
+    k ``eps``, with k = 6 (levels + 1) + number of velocities.
     """
     k = 6 * (levels + 1) + model.T.shape[1]
     found = {
@@ -119,9 +122,10 @@ def refuse_forces(
 
 
 def measure_force_differences(problem: Problem, model: EngineModel) -> dict[str, float]:
-    """Return the difference of an engine's forces from the expected ones, relative to the sizes S of their terms.
+    """Return the differences of an engine's generalised forces from the expected ones, "forces at rest" and "forces".
 
-    The keys are "forces at rest" and "forces", those at the velocities of the start.
+    The second are at the velocities of the start. Differences are relative to S of the module's docstring: the largest
+    sum of magnitudes of the terms of a force, to which rounding is proportional.
     """
     system, start, T, nb = problem.system, problem.initial, model.T, problem.system.nb
     still = replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega)
@@ -147,20 +151,20 @@ def measure_force_differences(problem: Problem, model: EngineModel) -> dict[str,
 
 
 def measure_loop_difference(theirs: Float[np.ndarray, "nl nu"], ours: Float[np.ndarray, "nl nu"]) -> float:
-    """Return the relative difference of two Jacobians of loops up to a common sign; infinity if their shapes differ."""
+    """Return the relative difference of two Jacobians of loop rows, up to a common sign; inf if shapes differ."""
     if theirs.shape != ours.shape:
         return np.inf
     return min(_compare_arrays(theirs, ours), _compare_arrays(-theirs, ours))
 
 
 def make_mass_blocks(problem: Problem) -> Float[np.ndarray, "twists twists"]:
-    """Return blockdiag(m I, J), body by body."""
+    """Return the mass matrix blockdiag(m I, J) of (r_dot, Omega), body by body."""
     masses = zip(problem.system.mass, problem.system.regular_inertia, strict=True)
     return np.array(sl.block_diag(*(b for m, J in masses for b in (m * np.eye(3), J))))
 
 
 def _sum_spring_terms(system: MultibodySystem, one: States) -> Float[np.ndarray, "nb 2"]:
-    """Return the sizes k d + k d_0 of the spring forces and torques on each body [N, N m].
+    """Return the sums k d + k d_0 of the spring forces [N] and torques [N m] on each body: the scale of rounding.
 
     The two terms of a spring cancel where it is at rest, their rounding does not.
     """
@@ -176,15 +180,15 @@ def _sum_spring_terms(system: MultibodySystem, one: States) -> Float[np.ndarray,
 
 
 def _measure_wrenches(wrenches: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, "nb 2"]:
-    """Return the magnitudes of the force and of the torque of each wrench."""
+    """Return the magnitudes of the force and of the torque of each wrench, or of both parts of a motion."""
     return np.linalg.norm(wrenches.reshape(-1, 2, 3), axis=2)
 
 
 def _solve_rigid(model: EngineModel, exact: Float[np.ndarray, "nb 6"]) -> Float[np.ndarray, " nu"]:
-    """Return the accelerations u_dot of the engine's model with its constraints made rigid.
+    """Return the accelerations u_dot that the engine's model would have if its constraints were rigid.
 
     They satisfy M u_dot = f + G^T lam, with G u_dot that of the ``exact`` accelerations of bodies; redundant rows are
-    allowed. So softness of the engine's constraints does not enter the comparison: what remains is M, f and G.
+    allowed. So M, f and G are compared, but not the softness of the engine's constraints.
     """
     rows, values = model.idle or (np.zeros((0, model.T.shape[1])), np.zeros(0))
     u_dot = np.linalg.lstsq(
@@ -199,21 +203,24 @@ def _solve_rigid(model: EngineModel, exact: Float[np.ndarray, "nb 6"]) -> Float[
 
 
 def _compare_arrays(a: np.ndarray, b: np.ndarray, size: float = 0.0) -> float:
-    """Return the largest difference of ``a`` and ``b``, relative to the largest entry of ``b`` or to a larger ``size``.
+    """Return the largest difference of ``a`` and ``b`` over the largest entry of ``b``, or over ``size`` if larger.
 
-    It is absolute where both are zero.
+    It is absolute where both of these are zero.
     """
     size = max(size, float(np.max(np.abs(b), initial=0.0)))
     return float(np.max(np.abs(a - b), initial=0.0)) / (size or 1.0)
 
 
 def _find_acceleration_scale(one: States, accelerations: np.ndarray) -> float:
-    """Return a scale of accelerations: the largest entry of these and of spins squared, whose terms may cancel."""
+    """Return the scale of ``accelerations``: their largest entry, or Omega^2 if larger, since terms may cancel."""
     return float(max(np.max(np.abs(accelerations), initial=0.0), np.max(one.Omega**2, initial=0.0)))
 
 
 def list_check_states(problem: Problem) -> Iterator[tuple[str, State]]:
-    """Yield a label and a state for each model check: the start, and its pose with two random admissible velocities."""
+    """Yield a label and a state for each model check: the start, then its pose with two random velocities.
+
+    These satisfy the constraints, and are scaled by the velocities at the start.
+    """
     start, system = problem.initial, problem.system
     yield "at the start", start
     A = constraint_jacobian(system, start).toarray()

@@ -27,7 +27,7 @@ PATIENCE = 5.0  # [s] for a process to end once its pipe is closed
 
 
 def find_environment(inside: str) -> Path | None:
-    """Return the Python executable of an engine's own environment, or None if there is no such environment."""
+    """Return the Python executable of the environment of the engine ``inside``, or None if it has none."""
     python = ENVIRONMENTS / inside / "bin" / "python"
     return python if python.exists() else None
 
@@ -36,6 +36,7 @@ class Process(LineProcess):
     """A process that runs an engine; ``stepping`` and ``cpu`` are its CPU times [s] of steps and in total."""
 
     def __init__(self, inside: str, python: Path) -> None:
+        """Start the process of the engine ``inside`` with the executable ``python``; it is closed at exit."""
         self.stepping = self.cpu = 0.0  # [s] so far
         self._name, self._errors = inside, tempfile.TemporaryFile()  # noqa: SIM115  open as long as the process
         command = [str(python), "-I", str(INSIDE / "serve.py"), str(INSIDE / f"{inside}.py")]
@@ -43,9 +44,9 @@ class Process(LineProcess):
         atexit.register(self.close)
 
     def request_answer(self, request: str, **arguments: Any) -> tuple[dict[str, Any], np.ndarray]:
-        """Send ``request`` with its ``arguments``; return the engine's answer and its rows.
+        """Send ``request`` with its ``arguments``; return the engine's answer and its array of rows, if any.
 
-        ``stepping`` and ``cpu`` are updated. CPU time of a request other than "advance" is counted as making code.
+        ``stepping`` and ``cpu`` are updated. CPU time of requests other than "advance" is counted as making code.
         Raises ValueError where the engine refuses, ``StepFailure`` where its process has died.
         """
         self.send_lines(json.dumps({"do": request, **arguments}).encode() + b"\n")
@@ -65,14 +66,14 @@ class Process(LineProcess):
         return found, np.frombuffer(rows).reshape(shape)
 
     def close(self, patience: float | None = PATIENCE) -> None:
-        """Close the pipes, which ends the process; kill it if it has not ended within ``patience`` [s]."""
+        """Close the pipes, which ends the process; kill it if it still runs after ``patience`` [s]."""
         super().close(patience)
         atexit.unregister(self.close)
 
     def _report_failure(self) -> StepFailure:
-        """Remove a process that died, and return, without raising it, the ``StepFailure`` with its reason in one line.
+        """Close and forget this process, which has died; return the ``StepFailure`` to raise, with its last message.
 
-        All its messages are written to standard error.
+        All its messages are written to standard error. The status is STALLED at the limit of CPU time, else CRASHED.
         """
         self.close()
         _processes.pop((self._name, os.getpid()), None)

@@ -53,7 +53,11 @@ class Adapter(ClockedSolver):
     stretch: ClassVar[int] = STRETCH
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Return why the engine cannot take the problem, or None."""
+        """Return why the engine cannot integrate the problem, or None.
+
+        Causes: the engine is missing, elements that it does not have, unsuitable options, or a model that differs from
+        this project's equations.
+        """
         absent = None if find_environment(self.inside) else find_remedy(self.package, self.wheel, self.remedy)
         if (
             reason := absent or refuse_unsupported(problem.system, self.takes) or self._refuse_options(problem, control)
@@ -79,7 +83,11 @@ class Adapter(ClockedSolver):
         return Model(self, problem, control)
 
     def compare_model(self, problem: Problem, control: StepControl) -> str | None:
-        """Return the refusal of an engine's model that differs from this project's equations, or None if they agree."""
+        """Return the refusal of an engine's model that differs from this project's equations, or None if they agree.
+
+        It is compared at the start, and with ``checks_random_velocities`` at two random velocities; in single precision
+        by forces, else by all quantities.
+        """
         for _, state in list_check_states(problem) if self.checks_random_velocities else [("", problem.initial)]:
             posed = replace(problem, initial=state)
             model = self.build(posed, control)
@@ -98,7 +106,7 @@ class Adapter(ClockedSolver):
         return None
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """Integrate by the engine's model from the start to ``t_end``, a limit or a failure; return the trajectory."""
+        """Build the engine's model, integrate to ``t_end``, a limit or a failure, and return the trajectory."""
         model = self.build(problem, control)
         model.clock = clock
         return march(
@@ -117,6 +125,7 @@ class Model:
     """An engine's model behind the protocol, in its state after the last step."""
 
     def __init__(self, adapter: Any, problem: Problem, control: StepControl) -> None:
+        """Build the model of the engine, in this process or its own; the CPU time counts as making code."""
         self.problem, self.tree = problem, build_spanning_tree(problem.system, problem.initial)
         self.clock: Clock | None = None
         data = {
@@ -140,10 +149,10 @@ class Model:
         return self._backend.stepping
 
     def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
-        """Advance by ``steps`` of ``dt`` [s]; return the engine's rows after each step.
+        """Advance by ``steps`` steps of ``dt`` [s]; return the engine's row of coordinates and velocities after each.
 
-        CPU time of a separate process is charged to ``clock``. Raises ``PartialStretch``, with the rows until then,
-        where the engine stopped.
+        CPU time of a separate process is charged to ``clock``. Raises ``PartialStretch``, with the rows before, where
+        the engine stops.
         """
         before = self._backend.stepping
         rows, stopped = self._backend.advance(steps, dt)
@@ -154,12 +163,15 @@ class Model:
         return rows
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Return poses and velocities of the bodies from rows (q, u) of the tree."""
+        """Convert rows (q, u) of the tree to poses and velocities of the bodies."""
         nq = len(self.tree.start)
         return self.tree.states(rows[:, :nq], rows[:, nq:])
 
     def describe_start(self) -> EngineModel:
-        """Return the engine's model at the start for the model check, completed by quantities of the tree."""
+        """Return the engine's model at the start for the model check; what it does not state is taken from the tree.
+
+        If it states accelerations, forces are M times these, with this project's M unless it states its own.
+        """
         nu = len(self.tree.start_velocity)
         with making_code:  # the check compiles other kernels than steps do
             answer = self._backend.describe_start()
@@ -195,11 +207,11 @@ class _LocalModel:
         self.notes = tuple(self._model.notes)
 
     def describe_start(self) -> dict[str, Any]:
-        """Return the result of the model's ``describe_start``, by name."""
+        """Return the fields of ``EngineModel`` that the engine states, by name."""
         return dict(self._model.describe_start())
 
     def advance(self, steps: int, dt: float) -> tuple[np.ndarray, str]:
-        """Advance by ``steps`` of ``dt`` [s]; return the rows after each step, and why there are fewer, or ""."""
+        """Advance by ``steps`` steps of ``dt`` [s]; return a row after each, and why the engine stopped, or ""."""
         rows, spent = step(self._model, steps, dt)
         self.stepping += spent
         return rows, self._model.stopped
@@ -221,10 +233,10 @@ class _RemoteModel:
         return float(self._process.stepping)
 
     def describe_start(self) -> dict[str, Any]:
-        """Return the result of the model's ``describe_start``, by name."""
+        """Return the fields of ``EngineModel`` that the engine states, by name."""
         return dict(self._process.request_answer("at_start", model=self._number)[0])
 
     def advance(self, steps: int, dt: float) -> tuple[np.ndarray, str]:
-        """Advance by ``steps`` of ``dt`` [s]; return the rows after each step, and why there are fewer, or ""."""
+        """Advance by ``steps`` steps of ``dt`` [s]; return a row after each, and why the engine stopped, or ""."""
         found, rows = self._process.request_answer("advance", model=self._number, steps=steps, dt=dt)
         return rows, found["stopped"]

@@ -31,9 +31,9 @@ class BodyAdapter(Adapter):
     eps: ClassVar[float] = SINGLE
 
     def stiffen(self) -> "BodyAdapter":
-        """Return this adapter with the settings of the model check, by default its own.
+        """Return the adapter whose steps the model check compares; by default this one.
 
-        An override may change damping, stabilisation and iterations, and has to keep the model.
+        An override may change damping, stabilisation and iterations, but not the model.
         """
         return self
 
@@ -56,16 +56,17 @@ class BodyModel(Model):
     """A model whose rows are poses and velocities of bodies."""
 
     def states(self, rows: Float[np.ndarray, "k n"]) -> States:
-        """Return poses and velocities of the bodies from rows of ``advance``."""
+        """Convert rows of ``advance`` to poses and velocities of the bodies."""
         by_body = rows.reshape(len(rows), len(self.tree.limbs), 13)
         R = make_matrices(by_body[..., 3:7].reshape(-1, 4)).reshape(*by_body.shape[:2], 3, 3)
         return States(by_body[..., :3], R, by_body[..., 7:10], by_body[..., 10:])
 
 
 def measure_acceleration_error(adapter: BodyAdapter, problem: Problem, step: float) -> float:
-    """Return the largest difference of the engine's accelerations from the exact ones, relative to the largest.
+    """Return the largest relative difference of an engine's accelerations at the start from the exact ones.
 
-    ``step`` is the engine's step in units of the shortest time of the motion, T of the module's docstring.
+    They follow from second steps of two sizes, of which ``step`` is the larger one in units of the shortest time of the
+    motion, T = 1 / sqrt(max(Omega^2, |Omega_dot|, |v_dot| / arm)).
     """
     system, start = problem.system, problem.initial
     rates = accelerations(system, start)
@@ -81,7 +82,7 @@ def measure_acceleration_error(adapter: BodyAdapter, problem: Problem, step: flo
 
 
 def _measure_acceleration(adapter: BodyAdapter, problem: Problem, h: float) -> Any:
-    """Return (v_dot, Omega_dot) of all bodies, (2, nb, 3), by the engine's second step of ``h`` [s]."""
+    """Return (v_dot, Omega_dot) of all bodies, (2, nb, 3), as changes over the engine's second step of ``h`` [s]."""
     model = adapter.build(problem, StepControl(dt=h))
     after = model.states(model.advance(2, h))
     return np.stack((after.v[1] - after.v[0], after.Omega[1] - after.Omega[0])) / h

@@ -21,6 +21,7 @@ class Model:
     """A skeleton in a world, in its state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
+        """Build world, skeleton and ball constraints from the ``data`` of the protocol, at the start."""
         self._data, self.stopped = data, ""
         options = data["options"]
         default = options["settings"] == "default"
@@ -45,7 +46,10 @@ class Model:
         self.notes = [loop, f"dartpy {importlib.metadata.version('dartpy')}"]
 
     def describe_start(self) -> dict[str, Any]:
-        """Return fields of ``EngineModel``; forces are M u_dot of DART's unconstrained forward dynamics."""
+        """Return fields of ``EngineModel`` at the start, in velocities of the tree, by name.
+
+        Forces are M u_dot of DART's forward dynamics without constraints. The skeleton is left at the start.
+        """
         skeleton, u, nu = self._skeleton, np.array(self._data["start_velocity"]), len(self._data["start_velocity"])
         V = np.stack([self._convert_velocities(unit) for unit in np.eye(nu)], axis=1)
         loads = []
@@ -73,7 +77,7 @@ class Model:
         }
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
-        """Advance by ``steps`` of ``dt`` [s]; return DART's positions and velocities after each step."""
+        """Advance by ``steps`` steps of ``dt`` [s]; return a row of DART's positions and velocities after each."""
         self._world.setTimeStep(dt)
         step, skeleton = self._world.step, self._skeleton
         made = np.empty((steps, 2 * skeleton.getNumDofs()))
@@ -84,7 +88,7 @@ class Model:
         return made
 
     def rows(self, made: np.ndarray) -> np.ndarray:
-        """Convert rows of ``advance`` to rows (q, u) of the tree."""
+        """Convert rows ``made`` by ``advance`` to rows (q, u), coordinates and velocities of the tree."""
         theirs, v = np.split(made, 2, axis=1)
         q = np.zeros((len(made), len(self._data["start"])))
         u = np.zeros((len(made), len(self._data["start_velocity"])))
@@ -106,7 +110,7 @@ class Model:
         return np.concatenate((q, u), axis=1)
 
     def _add_limb(self, limb: dict[str, Any]) -> None:
-        """Add a limb's body with its joint to the skeleton."""
+        """Add a limb of the tree, its body and the joint that carries it, to the skeleton."""
         skeleton, kind, b = self._skeleton, limb["kind"], limb["body"]
         parent = self._bodies.get(limb["parent"])
         parents = () if parent is None else (parent,)
@@ -136,7 +140,7 @@ class Model:
         self._bodies[b] = body
 
     def _apply_loads(self, t: float) -> None:
-        """Apply the loads at time ``t`` [s] to the bodies; a step clears them."""
+        """Apply the loads of time ``t`` [s] to the bodies, for the next step, which clears them."""
         for load in self._data["loads"]:
             body, factor, follows = self._bodies[load["body"]], evaluate_factor(load["factor"], t), load["follows"]
             body.addExtForce(factor * np.array(load["force"]), np.array(load["point"]), follows, True)
@@ -153,7 +157,10 @@ class Model:
         self._skeleton.setVelocities(self._convert_velocities(u))
 
     def _convert_velocities(self, u: np.ndarray) -> np.ndarray:
-        """Return DART's velocities at the start for velocities ``u`` of the tree."""
+        """Return DART's velocities for velocities ``u`` of the tree, at the pose of the start.
+
+        They differ for free joints: the angular velocity in space comes first.
+        """
         v = np.zeros(self._skeleton.getNumDofs())
         for joint, limb in self._joints:
             i, n, to = joint.getIndexInSkeleton(0), joint.getNumDofs(), limb["u_at"]
@@ -173,6 +180,6 @@ def _make_isometry(R: Any, p: Any) -> Any:
 
 
 def _make_quaternions(a: np.ndarray) -> np.ndarray:
-    """Return the quaternions (w, x, y, z), (n, 4), of rotation vectors (n, 3)."""
+    """Return the quaternions (w, x, y, z), (n, 4), of rotation vectors ``a`` (n, 3) [rad]."""
     angle = np.linalg.norm(a, axis=1, keepdims=True)
     return np.concatenate((np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * a), axis=1)

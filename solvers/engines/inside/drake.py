@@ -46,6 +46,7 @@ class Model:
     """A plant in a diagram, in its state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
+        """Build plant and simulator from the ``data`` of the protocol, at the start; ValueError if Drake refuses."""
         options = data["options"]
         self._data, self._scheme, default = data, options["integrator"], options["settings"] == "default"
         if default:
@@ -62,9 +63,9 @@ class Model:
         self.notes = [f"{what} {self._scheme}{held}", f"drake {importlib.metadata.version('drake')}"]
 
     def describe_start(self) -> dict[str, Any]:
-        """Return fields of ``EngineModel``.
+        """Return fields of ``EngineModel`` at the start by name, in velocities u of the tree.
 
-        Drake's velocities are v = V u, with V_dot u = 0 at the start.
+        Drake's own are v = V u, with V_dot u = 0 at the start. Constraints are empty for a continuous plant.
         """
         plant, root = self._plant, self._simulator.get_system().CreateDefaultContext()
         context = plant.GetMyMutableContextFromRoot(root)
@@ -102,9 +103,9 @@ class Model:
         }
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
-        """Advance by ``steps`` of ``dt`` [s] (0: of Drake's choice); return Drake's (t, q, v) after each step.
+        """Advance by ``steps`` steps of ``dt`` [s] (0: of Drake's choice); return Drake's (t, q, v) after each.
 
-        Another ``dt`` than before rebuilds the plant. The reason of a failure is set as ``stopped``.
+        Where ``dt`` differs from before, the plant is built anew. ``stopped`` is set to the reason of a failure.
         """
         if dt and dt != self._dt:
             state, time = self._read_state(), self._time
@@ -128,12 +129,12 @@ class Model:
         return np.concatenate((t[new, None], x[new]), axis=1)
 
     def rows(self, made: np.ndarray) -> np.ndarray:
-        """Convert rows of ``advance`` to rows (q, u) of the tree, or (t, q, u) where Drake chooses the steps."""
+        """Convert rows ``made`` by ``advance`` to rows (q, u) of the tree, or (t, q, u) if Drake chooses the steps."""
         q, u = self._convert_to_tree(*np.split(made[:, 1:], [self._plant.num_positions()], axis=1))
         return np.concatenate(([] if self._data["dt"] else [made[:, :1]]) + [q, u], axis=1)
 
     def _assemble(self, dt: float) -> None:
-        """Build Drake's plant, diagram and simulator for steps of ``dt`` [s] (0: of Drake's choice)."""
+        """Build Drake's plant, diagram and simulator for steps of ``dt`` [s], 0: of Drake's choice; set no state."""
         data, self._dt = self._data, dt
         builder = DiagramBuilder()
         plant = self._plant = AddMultibodyPlantSceneGraph(builder, dt if self._discrete else 0.0)[0]
@@ -169,7 +170,10 @@ class Model:
                 self._simulator.set_monitor(self._count_step)
 
     def _add_limb(self, plant: Any, limb: dict[str, Any]) -> None:
-        """Add a limb's body with its joints to the plant."""
+        """Add a limb of the tree to the plant: its body, the joints that carry it, and their torsional spring.
+
+        Between two joints there is a massless body.
+        """
         b, name = limb["body"], f"body {limb['body']}"
         inertia = np.array(limb["inertia"])
         about = RotationalInertia(*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2])
@@ -221,9 +225,9 @@ class Model:
             self._joints.append((joint, limb, slice(k, k + 1)))
 
     def _restart(self, since: float, q: np.ndarray, v: np.ndarray) -> None:
-        """Set Drake's state to ``q`` and ``v`` at the time ``since`` [s], and its clock to 0.
+        """Set Drake's positions ``q`` and velocities ``v`` at the run's time ``since`` [s], and Drake's clock to 0.
 
-        Discrete steps are at multiples of dt of that clock.
+        Its discrete steps are at multiples of dt of that clock. The log of states is cleared.
         """
         self._since = self._time = since
         context = self._plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
@@ -239,13 +243,16 @@ class Model:
         return np.array(self._plant.GetPositionsAndVelocities(context))
 
     def _count_step(self, context: Any) -> Any:
-        """Count a step, as Drake's monitor; return the status, which stops the simulator after the last step due."""
+        """Count a step, as Drake's monitor; return the status that stops the simulator after the last step."""
         self._left -= 1
         done = self._left <= 0 < context.get_time()
         return EventStatus.ReachedTermination(self._plant, "") if done else EventStatus.Succeeded()
 
     def _sum_forces(self, context: Any) -> np.ndarray:
-        """Return the generalised forces except those of constraints: -(C v - gravity - springs - loads)."""
+        """Return the generalised forces along Drake's velocities, except those of constraints.
+
+        They are those of gravity, springs and loads less C v, the inertial terms.
+        """
         plant, applied = self._plant, MultibodyForces(self._plant)
         plant.CalcForceElementsContribution(context, applied)
         for load in plant.get_applied_spatial_force_input_port().Eval(context) if self._data["loads"] else []:
@@ -255,7 +262,7 @@ class Model:
         return -plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), applied)
 
     def _convert_from_tree(self, q: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return Drake's coordinates and velocities for those of the tree at the start, where ball angles are zero."""
+        """Return Drake's coordinates and velocities from those of the tree at the start (angles of balls are 0)."""
         theirs, v = np.zeros(self._plant.num_positions()), np.zeros(self._plant.num_velocities())
         for joint, limb, about in self._joints:
             at, to, i, j = limb["q_at"], limb["u_at"], joint.position_start(), joint.velocity_start()
@@ -270,7 +277,7 @@ class Model:
         return theirs, v
 
     def _convert_to_tree(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return coordinates and velocities of the tree for Drake's ``theirs`` and ``v``, at each time."""
+        """Return coordinates q (nt, nq) and velocities u (nt, nu) of the tree from Drake's, ``theirs`` and ``v``."""
         q = np.zeros((len(theirs), len(self._data["start"])))
         u = np.zeros((len(v), len(self._data["start_velocity"])))
         for joint, limb, about in self._joints:
@@ -293,6 +300,7 @@ class Loads(LeafSystem):
     """A Drake system whose input is the poses of bodies, and whose output is the loads on their points."""
 
     def __init__(self, loads: list[dict[str, Any]], bodies: dict[int, Any]) -> None:
+        """Set the ``loads`` of the protocol with Drake's ``bodies`` by index, and declare the ports."""
         super().__init__()
         self._loads = [(load, bodies[load["body"]].index()) for load in loads]
         self.DeclareAbstractInputPort("poses", AbstractValue.Make([RigidTransform()]))
@@ -300,7 +308,7 @@ class Loads(LeafSystem):
         self.DeclareAbstractOutputPort("forces", lambda: blank, self._set_forces)
 
     def _set_forces(self, context: Any, output: Any) -> None:
-        """Set the output to all loads at the time and poses of ``context``, in space."""
+        """Set ``output`` to all loads in space, at the time and the poses of ``context``; Drake calls this."""
         poses, forces = self.get_input_port().Eval(context), []
         for load, index in self._loads:
             force = ExternallyAppliedSpatialForce()

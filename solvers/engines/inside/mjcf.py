@@ -11,7 +11,10 @@ GROUND = -1
 
 
 def build_model(data: dict[str, Any]) -> Any:
-    """Build and return the ``MjSpec`` of a model with the settings of its options, contacts off."""
+    """Build and return the uncompiled ``MjSpec`` of a problem from the ``data`` of the protocol; contacts are off.
+
+    With settings "default" the integrator and the softness of constraints are MuJoCo's own.
+    """
     options, spec = data["options"], mj.MjSpec()
     ours = options["settings"] == "ours"
     spec.option.gravity, spec.option.timestep = data["gravity"], data["dt"]
@@ -52,7 +55,7 @@ def build_model(data: dict[str, Any]) -> Any:
 
 
 def make_spring(torsion: dict[str, float] | None) -> dict[str, Any]:
-    """Return a torsional spring as keyword arguments of a joint; none without a spring."""
+    """Return a torsional spring as keyword arguments of ``add_joint``; none if ``torsion`` is None."""
     if torsion is None:
         return {}
     return {
@@ -63,7 +66,7 @@ def make_spring(torsion: dict[str, float] | None) -> dict[str, Any]:
 
 
 def add_springs(spec: Any, parts: dict[int, Any], springs: list[dict[str, Any]]) -> None:
-    """Add springs to ``spec``, as tendons between two sites; ``parts`` are its bodies by number."""
+    """Add springs to ``spec``, as tendons between two sites; ``parts`` are its bodies, by index of the body."""
     for k, one in enumerate(springs):
         cord = spec.add_tendon(
             stiffness=[one["stiffness"], 0.0, 0.0],
@@ -76,7 +79,10 @@ def add_springs(spec: Any, parts: dict[int, Any], springs: list[dict[str, Any]])
 
 
 def add_loads(spec: Any, parts: dict[int, Any], loads: list[dict[str, Any]]) -> None:
-    """Add constant loads to ``spec``, as actuators without control: bias 1, the wrench as gear, in space or body."""
+    """Add constant loads to ``spec``, as actuators at sites, without control: bias 1, and the wrench as gear.
+
+    The wrench is in the body's frame for loads that follow it, else in space.
+    """
     for k, load in enumerate(loads):
         parts[int(load["body"])].add_site(name=f"load {k}", pos=load["point"])
         actuator = spec.add_actuator(name=f"load {k}", trntype=mj.mjtTrn.mjTRN_SITE, target=f"load {k}")

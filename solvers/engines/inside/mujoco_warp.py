@@ -19,6 +19,7 @@ class Model:
     """A compiled model on the device "cpu", in its state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
+        """Compile the model from the ``data`` of the protocol, and take one step, which compiles the kernels."""
         self._model = build_model(data).compile()
         self._start, self._velocity = np.array(data["start"]), np.array(data["start_velocity"])
         self._dt, self.stopped = 0.0, ""
@@ -29,7 +30,7 @@ class Model:
         self.notes = ["single precision, CPU", made_by]
 
     def describe_start(self) -> dict[str, Any]:
-        """Return mass matrix, constraints, and unconstrained accelerations in motion and at rest."""
+        """Return mass matrix, constraints, and accelerations without constraints at the start, and there at rest."""
         found = []
         for u in (0.0 * self._velocity, self._velocity):
             data = self._make_data(u)
@@ -38,7 +39,7 @@ class Model:
         return {"rest_rates": found[0]["rates"], **found[1]}
 
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Advance by ``steps`` of ``dt`` [s]; return (q, u) after each step."""
+        """Advance by ``steps`` steps of ``dt`` [s]; return (q, u) after each."""
         if dt != self._dt:
             self._dt = dt
             self._device_model.opt.timestep.fill_(dt)
@@ -49,11 +50,11 @@ class Model:
         return out
 
     def rows(self, found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Convert the result of ``advance`` to an array of rows (q, u)."""
+        """Convert the list ``found`` of ``advance`` to an array of rows (q, u)."""
         return np.array([np.concatenate(row) for row in found], dtype=float)
 
     def _reset(self, dt: float) -> None:
-        """Set the model on the device, for steps of ``dt`` [s], and its state to the start."""
+        """Copy the model, with the step ``dt`` [s], to the device anew, and set its state to the start."""
         self._dt = self._model.opt.timestep = dt
         self._device_model = warped.put_model(self._model)
         self._data = self._make_data(self._velocity)

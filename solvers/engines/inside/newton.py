@@ -23,6 +23,10 @@ class Model:
     """A model of links and joints, in its state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
+        """Build Newton's model from the ``data`` of the protocol, and take one step, which compiles the kernels.
+
+        Raises ValueError where Newton changes an inertia.
+        """
         options, limbs = data["options"], data["limbs"]
         self._name = options["solver"]
         kind = getattr(newton.solvers, f"Solver{self._name}")
@@ -86,7 +90,10 @@ class Model:
         self._solver = self._make_solver(kind, options, data["dt"])
 
     def _make_solver(self, kind: Any, options: dict[str, Any], dt: float) -> Any:
-        """Return Newton's solver of class ``kind`` with the options, including the stiffness of loops."""
+        """Return Newton's solver of class ``kind`` with the options; for MuJoCo also with the softness of loops.
+
+        Its time constant is a multiple of the step ``dt`` [s].
+        """
         solver = kind(self._model, **_select_settings(self._name, options))
         if self._name == "MuJoCo" and options["settings"] == "ours" and solver.mjw_model.neq:
             loops, T, d = solver.mjw_model, options["time_constant"] * dt, options["impedance"]
@@ -95,22 +102,22 @@ class Model:
         return solver
 
     def describe_start(self) -> dict[str, Any]:
-        """Return mass matrix, constraints, and unconstrained accelerations in motion and at rest.
+        """Return the mass matrix, constraints, and accelerations without constraints at the start, and there at rest.
 
-        They are those of the solver MuJoCo, whose velocities are the tree's.
+        They are computed by the solver MuJoCo, whose velocities are the tree's, whatever solver is chosen.
         """
         solver = newton.solvers.SolverMuJoCo(self._model, integrator="euler")
         found = []
-        for share in (0.0, 1.0):
-            there, after = self._model.state(), self._model.state()
-            there.assign(self._now)
-            there.joint_qd.assign(share * self._now.joint_qd.numpy())
-            solver.step(there, after, None, None, PROBE)
+        for factor in (0.0, 1.0):
+            before, after = self._model.state(), self._model.state()
+            before.assign(self._now)
+            before.joint_qd.assign(factor * self._now.joint_qd.numpy())
+            solver.step(before, after, None, None, PROBE)
             found.append(read_dynamics(solver.mjw_model, solver.mjw_data, self._cuts))
         return {"rest_rates": found[0]["rates"], **found[1]}
 
     def advance(self, steps: int, dt: float) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Advance by ``steps`` of ``dt`` [s]; return poses and twists of all bodies after each step."""
+        """Advance by ``steps`` steps of ``dt`` [s]; return poses and velocities (v, omega) of all bodies after each."""
         out = []
         for _ in range(steps):
             self._now.clear_forces()
@@ -120,7 +127,7 @@ class Model:
         return out
 
     def rows(self, found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Convert the result of ``advance`` to rows (r, quaternion (w, x, y, z), v, Omega) body by body."""
+        """Convert the list ``found`` of ``advance`` to rows (r, quaternion (w, x, y, z), v, Omega), body by body."""
         pose = np.array([q[self._order] for q, _ in found], dtype=float)
         twist = np.array([u[self._order] for _, u in found], dtype=float)
         p = np.roll(pose[..., 3:], 1, axis=-1)
@@ -130,7 +137,11 @@ class Model:
 
 
 def _add_joint(builder: Any, kind: str, moves: list[Any], ends: dict[str, Any]) -> int:
-    """Add a joint whose ``moves`` have axes in the frame of the child at the start; return its number."""
+    """Add a joint to ``builder``; return its index.
+
+    ``moves`` are pairs (whether it slides, axis in the joint frame); ``ends`` are the arguments parent, child and their
+    frames. A joint with several moves becomes a D6 joint.
+    """
     if kind == "BALL":
         return int(builder.add_joint_ball(armature=0.0, **ends))
     if kind == "FIXED":
@@ -146,7 +157,7 @@ def _add_joint(builder: Any, kind: str, moves: list[Any], ends: dict[str, Any]) 
 
 
 def _select_settings(name: str, options: dict[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of Newton's solver ``name`` for the options; none for its own settings."""
+    """Return the options as keyword arguments of Newton's solver ``name``; none with settings "default"."""
     if options["settings"] == "default":
         return {}
     if name == "XPBD":
@@ -163,7 +174,7 @@ def _select_settings(name: str, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _group_trees(limbs: list[dict[str, Any]], joints: list[int]) -> list[tuple[int, list[int]]]:
-    """Return (first body, joints) of each tree; a new tree begins where a limb is joined to the ground or floats."""
+    """Return (first body, indices of joints) of each tree; a limb whose parent is the ground begins a new tree."""
     out: list[tuple[int, list[int]]] = []
     for limb, joint in zip(limbs, joints, strict=True):
         if limb["parent"] == GROUND:

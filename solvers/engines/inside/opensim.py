@@ -19,6 +19,7 @@ class Model:
     """An OpenSim model, its present state, and the manager of its integrator."""
 
     def __init__(self, data: dict[str, Any]) -> None:
+        """Build OpenSim's model from the ``data`` of the protocol, at the start; ValueError if OpenSim refuses."""
         self._data, self.stopped = data, ""
         osim.Logger.setLevelString("off")
         self._model = model = osim.Model()
@@ -72,7 +73,10 @@ class Model:
         ]
 
     def describe_start(self) -> dict[str, Any]:
-        """Return fields of ``EngineModel``; forces are M u_dot + G^T lambda of the constrained motion."""
+        """Return fields of ``EngineModel`` at the start by name, in velocities of the tree.
+
+        Forces are M u_dot + G^T lambda of the constrained motion. The potential energy is None where OpenSim has none.
+        """
         model, state, matter = self._model, self._state, self._model.getMatterSubsystem()
         u = np.array(self._data["start_velocity"])
         loads = []
@@ -97,9 +101,9 @@ class Model:
         }
 
     def advance(self, steps: int, dt: float) -> Any:
-        """Advance to the next tenth of ``t_end``; return OpenSim's states from the present one on.
+        """Advance to the next tenth of ``t_end``; return OpenSim's states: the present one, then one after each step.
 
-        ``steps`` and ``dt`` are not read. The reason of a failure is set as ``stopped``.
+        ``steps`` and ``dt`` of the protocol are ignored. ``stopped`` is set to the reason of a failure.
         """
         options, t_end = self._data["options"], self._data["t_end"]
         part = min(PARTS, int(self._time / t_end * PARTS + 0.5) + 1)
@@ -124,7 +128,7 @@ class Model:
         return manager.getStatesTrajectory()
 
     def rows(self, made: Any) -> np.ndarray:
-        """Convert the result of ``advance`` to rows (t, q, u) of the tree, one after each step."""
+        """Convert the states ``made`` by ``advance`` to rows (t, q, u) of the tree, one after each step."""
         y = [
             np.concatenate(([s.getTime()], s.getQ().to_numpy(), s.getU().to_numpy()))
             for s in (made.get(k) for k in range(1, made.getSize()))
@@ -136,7 +140,10 @@ class Model:
         return np.concatenate((all_y[:, :1], q, u), axis=1)
 
     def _add_limb(self, limb: dict[str, Any]) -> None:
-        """Add a limb's body with its joints to the model."""
+        """Add a limb of the tree to the model: its body, the joints that carry it, their drive and torsional spring.
+
+        Between two joints there is a massless body.
+        """
         name, kind, J = f"body_{limb['body']}", limb["kind"], np.array(limb["inertia"])
         inertia = osim.Inertia(*np.diag(J), J[0, 1], J[0, 2], J[1, 2])
         body = osim.Body(name, limb["mass"], osim.Vec3(0), inertia)
@@ -181,7 +188,7 @@ class Model:
         self._joints.append((limb, coordinates, A))
 
     def _add_load(self, k: int, load: dict[str, Any]) -> None:
-        """Add load ``k`` to the model: a force and a torque by functions of time."""
+        """Add load ``k`` to the model: a force and a torque as functions of time, at a point of the body."""
         force = osim.PrescribedForce(f"load_{k}", self._bodies[load["body"]])
         for name in ("force", "torque"):
             parts = [_make_function(load["factor"], x) for x in load[name]]
@@ -192,9 +199,10 @@ class Model:
         self._model.addForce(force)
 
     def _find_indices(self) -> None:
-        """Find and set the index of each coordinate in Simbody's q and u, and V of Simbody's velocities V u.
+        """Set ``_q_at`` and ``_u_at``, the indices of each joint's coordinates in Simbody's q and u, and ``_V``.
 
-        V is that of the start; the state's coordinates and speeds are set to zero.
+        They are found by changes of one coordinate at a time; all are zero afterwards. Simbody's velocities are V u at
+        the start, with u those of the tree.
         """
         state, nu = self._state, len(self._data["start_velocity"])
         self._q_at, self._u_at = [], []
@@ -231,7 +239,7 @@ class Model:
         state.setU(osim.Vector.createFromMat(self._V @ u))
 
     def _convert_to_tree(self, theirs: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return coordinates and velocities of the tree for Simbody's ``theirs`` and ``v``, at each time."""
+        """Return coordinates q (nt, nq) and velocities u (nt, nu) of the tree from Simbody's, ``theirs`` and ``v``."""
         q = np.zeros((len(theirs), len(self._data["start"])))
         u = np.zeros((len(v), len(self._data["start_velocity"])))
         for (limb, _, A), q_at, u_at in zip(self._joints, self._q_at, self._u_at, strict=True):
@@ -245,7 +253,7 @@ class Model:
             elif kind == "FREE":
                 R = np.array(limb["R"])
                 q[:, at : at + 3] = limb["r"] + theirs[:, q_at[3:]] @ R.T
-                q[:, at + 3 : at + 7] = _multiply(np.array(self._data["start"][at + 3 : at + 7]), turned)
+                q[:, at + 3 : at + 7] = _multiply_quaternions(np.array(self._data["start"][at + 3 : at + 7]), turned)
                 u[:, to : to + 3], u[:, to + 3 : to + 6] = v[:, u_at[3:]] @ R.T, spin
             else:
                 q[:, at : at + len(q_at)], u[:, to : to + len(u_at)] = theirs[:, q_at], v[:, u_at]
@@ -253,14 +261,20 @@ class Model:
 
 
 def _make_function(numbers: list[float], factor: float = 1.0) -> Any:
-    """Return ``factor`` times the function of time with the given numbers, as an expression of OpenSim."""
+    """Return ``factor`` times the function of time with the parameters ``numbers``, as an expression of OpenSim.
+
+    It is c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p).
+    """
     c_0, c_1, c_2, c_3, a, w, p = numbers
     law = f"({c_0!r}+({c_1!r})*t+({c_2!r})*t^2+({c_3!r})*t^3+({a!r})*sin(({w!r})*t+({p!r})))"
     return osim.ExpressionBasedFunction(f"({factor!r})*{law}", ["t"])
 
 
 def _make_motion(name: str, motion: list[float]) -> Any:
-    """Return a drive's function of time, a polynomial or a constant plus a sine; ValueError for both together.
+    """Return the function of time of the drive ``name``: a polynomial, or a constant plus a sine.
+
+    ``motion`` has four coefficients of the polynomial, then amplitude, frequency and phase. Raises ValueError if it has
+    both.
 
     OpenSim's expressions cannot serve here: their second derivative is the first (4.6).
     """
@@ -273,7 +287,7 @@ def _make_motion(name: str, motion: list[float]) -> Any:
 
 
 def _make_frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
-    """Return OpenSim's vectors of the position ``place``, and of the body-fixed x-y-z angles [rad] of a rotation."""
+    """Return OpenSim's vectors of a frame: its position ``place``, and x-y-z angles [rad] of ``turned``."""
     a, c = np.arctan2(-turned[1, 2], turned[2, 2]), np.arctan2(-turned[0, 1], turned[0, 0])
     if np.hypot(turned[0, 0], turned[0, 1]) < 1e-9:
         a, c = np.arctan2(turned[2, 1], turned[1, 1]), 0.0
@@ -282,7 +296,7 @@ def _make_frame(place: np.ndarray, turned: np.ndarray) -> tuple[Any, Any]:
 
 
 def _make_axes(axis: np.ndarray, which: int) -> np.ndarray:
-    """Return a rotation matrix whose column ``which`` is the unit vector ``axis``."""
+    """Return a rotation matrix with the unit vector ``axis`` as column ``which``; the others are arbitrary."""
     one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     one /= np.linalg.norm(one)
     columns = [axis, one, np.cross(axis, one)]
@@ -295,11 +309,11 @@ def _make_quaternions(angles: np.ndarray) -> np.ndarray:
     parts = [np.zeros((len(angles), 4)) for _ in range(3)]
     for k, part in enumerate(parts):
         part[:, 0], part[:, 1 + k] = np.cos(half[:, k]), np.sin(half[:, k])
-    return _multiply(_multiply(parts[0], parts[1]), parts[2])
+    return _multiply_quaternions(_multiply_quaternions(parts[0], parts[1]), parts[2])
 
 
-def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of quaternions a and b (w, x, y, z)."""
+def _multiply_quaternions(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the products of quaternions ``a``, one or (n, 4), and ``b`` (n, 4), (w, x, y, z)."""
     (aw, ax, ay, az), (bw, bx, by, bz) = np.broadcast_to(a, b.shape).T, b.T
     vector = aw * np.stack((bx, by, bz)) + bw * np.stack((ax, ay, az)) + np.cross((ax, ay, az), (bx, by, bz), axis=0)
     return np.stack((aw * bw - ax * bx - ay * by - az * bz, *vector), axis=-1)

@@ -21,10 +21,11 @@ class Model:
     """Multibodies on a PyBullet server, in their state after the last step."""
 
     def __init__(self, data: dict[str, Any]) -> None:
+        """Measure the quantities of the model check, then build the bodies from the ``data`` of the protocol."""
         self._data, self._default, self.stopped = data, data["options"]["settings"] == "default", ""
         self._ground = (-1, -1)
         self._start, self._velocity = np.array(data["start"]), np.array(data["start_velocity"])
-        self._start_quantities = self._measure()
+        self._start_quantities = self._measure_start()
         self._build(cuts=True, default=self._default)
         self._set_state(self._start, self._velocity)
         self.notes = [
@@ -33,11 +34,14 @@ class Model:
         ]
 
     def describe_start(self) -> dict[str, Any]:
-        """Return the mass matrix, and unconstrained accelerations in motion and at rest, as measured on the set-up."""
+        """Return the mass matrix, and accelerations without constraints at the start and there at rest.
+
+        They were measured when the model was built.
+        """
         return self._start_quantities
 
     def advance(self, steps: int, dt: float) -> np.ndarray:
-        """Advance by ``steps`` of ``dt`` [s]; return rows (q, u) of the tree after each step."""
+        """Advance by ``steps`` steps of ``dt`` [s]; return a row (q, u) of the tree after each."""
         bullet.setTimeStep(dt, self._server)
         rows = np.empty((steps, len(self._start) + len(self._velocity)))
         for k in range(steps):
@@ -45,8 +49,11 @@ class Model:
             rows[k] = self._read_row()
         return rows
 
-    def _measure(self) -> dict[str, Any]:
-        """Measure mass matrix and accelerations by steps of ``PROBE`` on a server without cut joints; return them."""
+    def _measure_start(self) -> dict[str, Any]:
+        """Measure mass matrix and accelerations at the start, by steps of ``PROBE`` without cut joints; return them.
+
+        ``rest_rates`` are accelerations with all velocities zero. The server used for this is replaced later.
+        """
         self._build(cuts=False, default=False)
         bullet.setTimeStep(PROBE, self._server)
         found = []
@@ -58,9 +65,10 @@ class Model:
         return {"mass_matrix": self._measure_mass_matrix(found[0]), "rest_rates": found[0], "rates": found[1]}
 
     def _measure_mass_matrix(self, rest_rates: np.ndarray) -> np.ndarray:
-        """Measure the mass matrix by unit forces, one a step, and return it.
+        """Measure the mass matrix by a unit force along one velocity per step, and return it.
 
-        ``calculateMassMatrix`` (3.2.7) is wrong where one ball joint follows another.
+        ``rest_rates`` are accelerations without these forces. PyBullet's own ``calculateMassMatrix`` (3.2.7) is wrong
+        where one ball joint follows another.
         """
         columns = []
         for limb in self._data["limbs"]:
@@ -89,16 +97,16 @@ class Model:
         return np.linalg.inv(np.array(columns).T)
 
     def _build(self, *, cuts: bool, default: bool) -> None:
-        """Build the bodies on a new server, which replaces the one before.
+        """Build all bodies on a new PyBullet server, which replaces the one before.
 
-        ``cuts``: with constraints at the cut joints; ``default``: with PyBullet's own settings.
+        With ``cuts``, constraints close the cut joints; with ``default``, settings are PyBullet's own.
         """
         if bullet.isConnected(FIRST):  # including that of the model before: one takes 118 MB
             bullet.disconnect(FIRST)
         self._server = server = bullet.connect(bullet.DIRECT)
         bullet.setGravity(*self._data["gravity"], physicsClientId=server)
         self._at: dict[int, tuple[int, int]] = {}  # (multibody, link) by body
-        self._principal_axes: dict[int, np.ndarray] = {}  # principal axes
+        self._principal_axes: dict[int, np.ndarray] = {}  # by body, as columns
         trees: list[list[dict[str, Any]]] = []
         for limb in self._data["limbs"]:
             if limb["parent"] == GROUND:
@@ -124,16 +132,19 @@ class Model:
             )
 
     def _add_tree(self, limbs: list[dict[str, Any]], default: bool) -> None:
-        """Add a tree of limbs to the server as one multibody, on a base that floats or is fixed."""
+        """Add the ``limbs`` of one tree to the server as a multibody, on a base that floats or is fixed.
+
+        Motors are switched off, and dampings are zero, except with ``default``, which keeps the dampings.
+        """
         server, floats = self._server, limbs[0]["kind"] == "FREE"
         links = limbs[1:] if floats else limbs
-        place, arm, names = {GROUND: 0}, {GROUND: np.zeros(3)}, {}
+        link_number, arm, principal_moments = {GROUND: 0}, {GROUND: np.zeros(3)}, {}
         for limb in limbs:
             moments, axes = np.linalg.eigh(np.array(limb["inertia"]))
-            axes = axes * np.linalg.det(axes)
-            self._principal_axes[limb["body"]], names[limb["body"]] = axes, moments
+            axes = axes * np.linalg.det(axes)  # right-handed
+            self._principal_axes[limb["body"]], principal_moments[limb["body"]] = axes, moments
         if floats:
-            place[limbs[0]["body"]], arm[limbs[0]["body"]] = 0, np.zeros(3)
+            link_number[limbs[0]["body"]], arm[limbs[0]["body"]] = 0, np.zeros(3)
         columns: dict[str, list[Any]] = {key: [] for key in COLUMNS}
         for k, limb in enumerate(links):
             b = limb["body"]
@@ -146,13 +157,13 @@ class Model:
                 _make_quaternion(limb["R_0"]),
                 -np.array(limb["s_child"]),
                 _make_quaternion(self._principal_axes[b]),
-                place[limb["parent"]],
+                link_number[limb["parent"]],
                 kind,
                 axis,
             )
             for key, value in zip(COLUMNS, values, strict=True):
                 columns[key].append(value)
-            place[b], arm[b] = k + 1, np.array(limb["s_child"])
+            link_number[b], arm[b] = k + 1, np.array(limb["s_child"])
         root = limbs[0]
         base = {
             "baseMass": root["mass"],
@@ -163,9 +174,9 @@ class Model:
         body = bullet.createMultiBody(**(base if floats else {"baseMass": 0.0}), **columns, physicsClientId=server)
         for limb in limbs:
             b = limb["body"]
-            link = place[b] - 1
+            link = link_number[b] - 1  # -1: the base
             self._at[b] = body, link
-            bullet.changeDynamics(body, link, localInertiaDiagonal=names[b], physicsClientId=server)
+            bullet.changeDynamics(body, link, localInertiaDiagonal=principal_moments[b], physicsClientId=server)
             if not default:
                 bullet.changeDynamics(
                     body,
@@ -204,7 +215,7 @@ class Model:
                 bullet.resetJointStateMultiDof(body, link, turn, w, physicsClientId=self._server)
 
     def _read_row(self) -> np.ndarray:
-        """Return the present row (q, u) of the tree."""
+        """Return the present state as a row (q, u), coordinates and velocities of the tree."""
         nq = len(self._start)
         row = np.empty(nq + len(self._velocity))
         for limb in self._data["limbs"]:
@@ -224,15 +235,16 @@ class Model:
                 row[a], row[a + 1 : a + 4], row[b : b + 3] = q[3], F @ q[:3], F @ u
         return row
 
-    def _express_in_principal_axes(self, b: int, p: np.ndarray) -> np.ndarray:
-        """Express a rotation (x, y, z, w) of the ball joint of body ``b`` in the principal axes of that body.
+    def _express_in_principal_axes(self, body: int, quaternion: np.ndarray) -> np.ndarray:
+        """Return a ball joint's quaternion (x, y, z, w), given in the frame of ``body``, in its principal axes.
 
-        They are the axes that Bullet uses.
+        Bullet states rotations of a ball joint in the principal axes of the child.
         """
-        return np.append(self._principal_axes[b].T @ p[:3], p[3])
+        vector, scalar = quaternion[:3], quaternion[3]
+        return np.append(self._principal_axes[body].T @ vector, scalar)
 
     def _find_anchor(self, b: int) -> tuple[int, int]:
-        """Return the multibody and link of body ``b``; for the ground a fixed multibody, made once per server."""
+        """Return (multibody, link) of body ``b``; for the ground a fixed multibody, made once per server."""
         if b != GROUND:
             return self._at[b]
         if self._ground[0] != self._server:
@@ -240,7 +252,7 @@ class Model:
         return self._ground[1], -1
 
     def _express_point(self, b: int, s: Any) -> np.ndarray:
-        """Return the point ``s`` of body ``b`` in its principal axes, as Bullet's constraints take it."""
+        """Return the point ``s`` [m] of body ``b`` in its principal axes, as Bullet expects; ``s`` for the ground."""
         return np.array(s) if b == GROUND else self._principal_axes[b].T @ np.array(s)
 
 
@@ -265,5 +277,5 @@ COLUMNS = (
 
 
 def _make_quaternion(R: Any) -> np.ndarray:
-    """Return the quaternion (x, y, z, w) of a rotation matrix."""
+    """Return the quaternion (x, y, z, w) of the rotation matrix ``R``, in Bullet's order."""
     return np.roll(make_quaternion(R), -1)

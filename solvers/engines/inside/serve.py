@@ -20,7 +20,10 @@ PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
 def main(path: str) -> None:
-    """Serve models of the file ``path`` until the parent closes the pipe or dies; a new one replaces the last."""
+    """Serve models of the engine's file ``path`` by requests on stdin, until the parent closes the pipe or dies.
+
+    A new model replaces the last one. A ValueError is answered as a refusal.
+    """
     parent = os.getppid()
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGKILL), 0, 0, 0)
@@ -36,7 +39,7 @@ def main(path: str) -> None:
         answer: dict[str, Any]
         try:
             if asked["do"] == "build":
-                make = make or load_model(path)
+                make = make or load_model_class(path)
                 model, models = make(asked["data"]), models + 1
                 answer = {"model": models, "notes": list(model.notes)}
             elif asked["model"] != models:
@@ -54,15 +57,15 @@ def main(path: str) -> None:
         answers.flush()
 
 
-def load_model(path: str) -> Any:
-    """Load and return the class ``Model`` of a file, whose folder is a package with relative imports."""
+def load_model_class(path: str) -> Any:
+    """Load the file ``path`` as a module of the package that its folder is, and return its class ``Model``."""
     file = Path(path)
     sys.path.append(str(file.parent.parent))  # last: files beside that folder have the names of packages
     return importlib.import_module(f"{file.parent.name}.{file.stem}").Model
 
 
 def step(model: Any, steps: int, dt: float) -> tuple[np.ndarray, float]:
-    """Advance a model by ``steps`` of ``dt`` [s]; return its rows, and the CPU time [s] of ``advance`` alone."""
+    """Advance ``model`` by ``steps`` steps of ``dt`` [s]; return its rows and the CPU time [s] of ``advance``."""
     before = read_cpu_time()
     made = model.advance(steps, dt)
     spent = read_cpu_time() - before

@@ -6,7 +6,10 @@ import numpy as np
 
 
 def read_dynamics(model: Any, data: Any, cuts: int) -> dict[str, np.ndarray]:
-    """Return mass matrix, unconstrained accelerations, and the Jacobian (3 cuts, nv) of points of cut joints."""
+    """Return the mass matrix (nv, nv), accelerations without constraints, and the Jacobian (3 cuts, nv) of loops.
+
+    ``cuts`` is the number of points of cut joints; rows of one that MuJoCo leaves out are zero.
+    """
     nv = model.nv
     lower = _make_dense(data.M, model.M_rownnz, model.M_rowadr, model.M_colind, nv, nv)
     efc, n = data.efc, int(data.nefc.numpy()[0])
@@ -26,7 +29,10 @@ def read_dynamics(model: Any, data: Any, cuts: int) -> dict[str, np.ndarray]:
 
 
 def _make_dense(values: Any, lengths: Any, first: Any, columns: Any, n: int, nv: int) -> np.ndarray:
-    """Return the dense matrix (n, nv) of a sparse one, whose rows are stored one after the other."""
+    """Return the dense matrix (n, nv) of a sparse one whose rows are stored one after the other.
+
+    Row k has ``lengths[k]`` entries from ``first[k]`` on in ``values`` and ``columns``.
+    """
     stored, length, at, column = (a.numpy().ravel() for a in (values, lengths, first, columns))
     out = np.zeros((n, nv))
     for k in range(n):

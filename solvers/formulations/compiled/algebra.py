@@ -23,10 +23,7 @@ def clear(a):
 
 @compile_inline
 def find_largest(a):
-    """Return the largest absolute entry of an array, 0 for an empty one.
-
-    NaN is returned only where it is the last entry: a later entry replaces it.
-    """
+    """Return the largest absolute entry of an array, 0 for an empty one, NaN if any entry is NaN."""
     size = 0.0
     for at in np.ndindex(a.shape):
         size = take_larger(size, abs(a[at]))
@@ -111,6 +108,7 @@ def orthogonalise_rotations(R):
     """
     for b in range(len(R)):
         Q = R[b]
+        # the columns x, y, z of R, and the entries of (3 - R^T R) / 2: d on its diagonal, p, q, r at yz, zx, xy
         x0, x1, x2, y0, y1, y2, z0, z1, z2 = (
             Q[0, 0], Q[1, 0], Q[2, 0], Q[0, 1], Q[1, 1], Q[2, 1], Q[0, 2], Q[1, 2], Q[2, 2],
         )  # fmt: skip
@@ -127,9 +125,10 @@ def orthogonalise_rotations(R):
 
 @compile_inline
 def theta_dot(x, y, z, p, q, r):
-    """Return the rate of the rotation vector theta = (x, y, z) at Omega = (p, q, r) [rad/s, body].
+    """Return the rate [rad/s] of the rotation vector theta = (x, y, z) [rad] at Omega = (p, q, r) [rad/s, body].
 
-    It is dexp^-1(theta) Omega, by a series where theta^2 is below 1e-2.
+    It is dexp^-1(theta) Omega = Omega + theta x Omega / 2 + c theta x (theta x Omega), with c by a series where theta^2
+    is below 1e-2.
     """
     s = x * x + y * y + z * z
     if s < 1e-2:
@@ -137,7 +136,7 @@ def theta_dot(x, y, z, p, q, r):
     else:
         half = 0.5 * math.sqrt(s)
         c = (1.0 - half / math.tan(half)) / s
-    u, v, w = y * r - z * q, z * p - x * r, x * q - y * p
+    u, v, w = y * r - z * q, z * p - x * r, x * q - y * p  # theta x Omega
     return (p + 0.5 * u + c * (y * w - z * v), q + 0.5 * v + c * (z * u - x * w), r + 0.5 * w + c * (x * v - y * u))
 
 

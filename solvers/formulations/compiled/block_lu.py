@@ -23,7 +23,7 @@ def solve(lu):
 
 @compile_inline_fused
 def _factor(lu):
-    """Compute the block factors row by row; see ``factor``."""
+    """Compute the block factors row by row, as ``factor`` describes, in the dense row ``lu.dense``."""
     blocks, state = lu.blocks, lu.state
     W, panel, inverse, low, strip = lu.dense, lu.panel, lu.pivot_inverse, lu.low, lu.strip
     size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
@@ -33,7 +33,7 @@ def _factor(lu):
     for p in range(len(size)):
         m, own = size[p], start[p]
         for pair in range(pair_start[p], pair_start[p + 1]):
-            at, width, place = pair_column[pair], pair_width[pair], pair_place[pair]
+            at, width, place = pair_column[pair], pair_width[pair], pair_place[pair]  # an original block of row p
             for a in range(m):
                 for c in range(width):
                     W[a, at + c] += blocks[place + a * width + c]
@@ -71,9 +71,9 @@ def _factor(lu):
 
 @compile_inline_fused
 def _combine(low, k, a, panel, o, inner, w, strip):
-    """Set strip = low[k, a, :inner] @ panel, unrolled for the usual node sizes.
+    """Set strip := low[k, a, :inner] @ P, unrolled for the usual sizes 3, 5 and 6 of a node.
 
-    Rows of the panel have length w and start at index o.
+    P (inner, w) is stored by rows in ``panel``, from index ``o`` on.
     """
     if inner < 3 or inner == 4:
         for c in range(w):
@@ -102,7 +102,7 @@ def _combine(low, k, a, panel, o, inner, w, strip):
 
 @compile_inline_fused
 def _solve(lu, x):
-    """Replace the right side ``x`` by the solution, by forward and back substitution with the factors of ``lu``."""
+    """Replace the right side ``x``, in elimination order, by the solution: forward, then back substitution."""
     size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
     panel_start, low_start, low_node = lu.panel_start, lu.low_start, lu.low_node
     low, panel, inverse, y = lu.low, lu.panel, lu.pivot_inverse, lu.strip
@@ -137,8 +137,8 @@ def _solve(lu, x):
 def invert(A, m, pivots, swapped):
     """Invert A (m x m) in place by Gauss-Jordan elimination with row pivoting; return the smallest absolute pivot.
 
-    It returns 0 where A is singular, and then leaves A half inverted. ``pivots`` gets the absolute pivots, ``swapped``
-    the rows exchanged.
+    Where A is singular, 0 is returned and A is left half inverted. ``pivots`` (m,) is set to the absolute pivots,
+    ``swapped`` (m,) to the row that each row was exchanged with.
     """
     smallest = 1e300
     for k in range(m):

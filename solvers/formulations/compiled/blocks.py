@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .greedy_order import eliminate
+from .greedy_order import find_elimination_order
 
 WIDTH = 5  # rows of the largest joint: blocks are WIDTH x WIDTH, a spherical joint leaves two rows of them empty
 
@@ -18,7 +18,7 @@ class Blocks(NamedTuple):
     """Block columns of the factor in elimination order; blocks are stored by columns, each diagonal block first."""
 
     joint: np.ndarray  # (nj,) joint of each column
-    size: np.ndarray  # (nj,) its rows
+    size: np.ndarray  # (nj,) number of its rows
     row: np.ndarray  # (nj,) its first row of phi
     start: np.ndarray  # (nj + 1,) first block of each column
     other: np.ndarray  # (nblocks,) column of the block's other joint; the column itself on the diagonal
@@ -31,30 +31,30 @@ class Blocks(NamedTuple):
 def analyse_joint_blocks(bodies: np.ndarray, row: np.ndarray) -> Blocks:
     """Return the elimination order of joints, the fill and the block products of the factor of S.
 
-    ``bodies`` (nj, 2) are the ends of joints, -1 for the ground; ``row`` (nj + 1) are their first constraint rows.
+    ``bodies`` (nj, 2) are the two bodies of each joint, -1 for the ground; ``row`` (nj + 1,) its first constraint row.
     """
     nj = len(bodies)
-    held: dict[int, list[tuple[int, int]]] = {}
+    joints_at: dict[int, list[tuple[int, int]]] = {}  # (joint, end) at each moving body
     for j, ends in enumerate(bodies):
         for e, body in enumerate(ends):
             if body >= 0:
-                held.setdefault(int(body), []).append((j, e))
-    near: list[set[int]] = [set() for _ in range(nj)]
-    for users in held.values():
+                joints_at.setdefault(int(body), []).append((j, e))
+    neighbours: list[set[int]] = [set() for _ in range(nj)]  # joints that share a moving body
+    for users in joints_at.values():
         for j, _ in users:
-            near[j] |= {k for k, _ in users if k != j}
-    order, below = eliminate(near, _rank_joint)
+            neighbours[j] |= {k for k, _ in users if k != j}
+    order, below = find_elimination_order(neighbours, _rank_joint)
     place = {j: c for c, j in enumerate(order)}
     start: list[int] = [0]
     other: list[int] = []
-    index: dict[tuple[int, int], int] = {}
+    index: dict[tuple[int, int], int] = {}  # block of each pair of columns (other, own)
     for c, j in enumerate(order):
         for o in (c, *sorted(place[k] for k in below[j])):
             index[o, c] = len(other)
             other.append(o)
         start.append(len(other))
     shared: list[tuple[int, int, int]] = []
-    for users in held.values():
+    for users in joints_at.values():
         for j, e in users:
             for k, f in users:
                 if place[j] >= place[k]:
@@ -87,5 +87,5 @@ def _rank_joint(left: dict[int, set[int]], j: int) -> tuple[int, int]:
 
     ``left`` are the neighbours of each joint that is not eliminated yet.
     """
-    mine = left[j]
-    return sum(len(mine) - 1 - len(mine & left[k]) for k in mine) // 2, len(mine)
+    own = left[j]
+    return sum(len(own) - 1 - len(own & left[k]) for k in own) // 2, len(own)

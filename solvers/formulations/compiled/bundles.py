@@ -14,7 +14,7 @@ def make_bundle(
 ) -> Any:
     """Make a named tuple of the ``given`` values, zero arrays of the declared shapes, and ``entries`` still unset (0).
 
-    ``arrays`` maps names to shapes, and ``sizes`` gives the values of the letters in them.
+    ``arrays`` maps names to shapes such as "nb 6"; ``sizes`` has the number that each symbol in them stands for.
     """
     zeros = {n: np.zeros([sizes[d] if d in sizes else int(d) for d in shape.split()]) for n, shape in arrays.items()}
     kind = namedtuple(name, (*given, *zeros, *entries), defaults=(0,) * len(entries))  # type: ignore[misc]
@@ -24,9 +24,9 @@ def make_bundle(
 def make_step(
     kernel: Kernel, control: np.ndarray, *, arrays: Mapping[str, str], entries: Sequence[str] = (), **given: Any
 ) -> Any:
-    """Make the bundle of a method's step: control, kernel, ``given`` values, zero arrays, and entries still unset.
+    """Make the bundle of a method's step: control, kernel, ``given`` values, zero arrays, and entries still unset (0).
 
-    Shapes are in numbers of bodies ``nb`` and of constraint rows ``nr``.
+    The shapes of ``arrays`` are in numbers, of bodies ``nb`` and of constraint rows ``nr``.
     """
     sizes = {"nb": len(kernel.mass), "nr": len(kernel.lam)}
     return make_bundle("Step", arrays, sizes, entries, control=control, kernel=kernel, **given)

@@ -109,7 +109,10 @@ def is_interpreted(function: Callable[..., None]) -> bool:
 
 
 def run(entry: "Program | int") -> None:
-    """Run a program, or that of a word ``Program.entry``. In machine code numba's ``run`` takes its place."""
+    """Run a program, given as an object or by its address ``Program.entry``; raise what its functions raised.
+
+    In machine code numba's ``run`` takes its place.
+    """
     if isinstance(entry, BoundFunction):
         entry()
     elif isinstance(entry, Program):
@@ -120,7 +123,10 @@ def run(entry: "Program | int") -> None:
 
 
 def call_law(address: int, t: float, state: np.ndarray, load: np.ndarray) -> None:
-    """Call law(t, state, load) of a user's force at its address. In machine code numba's takes its place."""
+    """Call a user's force law(t, state, load) at its address: it reads t [s] and ``state``, and sets ``load``.
+
+    In machine code numba's ``call_law`` takes its place.
+    """
     USER_LAW(int(address))(t, state.ctypes.data, load.ctypes.data)
 
 
@@ -128,7 +134,7 @@ class BoundFunction(Program):
     """A compiled function with its bundle, called from Python, or from compiled code by ``run(bound.entry)``."""
 
     def __init__(self, function: Callable[..., None], bundle: Any) -> None:
-        """Compile or load ``function`` for those fields of the bundle that it names, or have it interpreted."""
+        """Compile or load ``function`` for those fields of the bundle that it names, or let Python interpret it."""
         name = f"{function.__module__.rsplit('.', 1)[-1]}.{function.__qualname__}"
         self._python = PythonFunction(function, bundle) if is_interpreted(function) else None
         if self._python:
@@ -140,6 +146,7 @@ class BoundFunction(Program):
         super().__init__([(code.address(name), [self.words])], (code, bundle), name)
 
     def __call__(self) -> None:
+        """Run the function on its bundle; an exception in compiled code is raised again here."""
         if self._python:
             self._python()
         else:
@@ -174,11 +181,12 @@ _CODES: dict[str, Code] = {}
 
 
 def _compile_entry(function: Callable[..., None], name: str, bundle: Any) -> Code:
-    """Return the code of ``function`` for bundles of this layout: from this process, from disk, or compiled."""
+    """Return the code of ``function`` for bundles laid out as ``bundle``: known already, kept on disk, or made now."""
     key = f"{name}\0{digest_callees(function).digest}\0{describe_layout(bundle)}"
     if key not in _CODES:
 
         def print_code() -> str:
+            """Compile the function and return its LLVM IR."""
             from .numba_code import print_function  # takes half a second, and is needed only where something compiles
 
             return print_function(function, name, bundle)

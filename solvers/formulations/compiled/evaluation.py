@@ -1,6 +1,8 @@
 """Index 1 at one state: products with A and M^-1, accelerations and multipliers, projections (compiled).
 
 S lam = -gamma - A M^-1 f,   v_dot = M^-1 (f + A^T lam),   gamma = A_dot v + (phi_t)_dot
+
+``k`` is a ``Kernel``, whose arrays have the names of the arguments here.
 """
 
 from .algebra import clear, copy, turn_rotation
@@ -8,8 +10,8 @@ from .entries import compile_inline, run
 
 
 @compile_inline
-def times_inverse_mass(mass, J_inv, w):
-    """Set w (nb, 6) := M^-1 w."""
+def multiply_by_inverse_mass(mass, J_inv, w):
+    """Set w := M^-1 w for the loads w (nb, 6) of all bodies: forces over ``mass``, torques times ``J_inv``."""
     for b in range(len(mass)):
         t0, t1, t2 = w[b, 3], w[b, 4], w[b, 5]
         for a in range(3):
@@ -19,7 +21,10 @@ def times_inverse_mass(mass, J_inv, w):
 
 @compile_inline
 def add_rates(body, row, pins, X, way, w, sign, x):
-    """Add sign A w to x (nrows,), the rates of the constraint rows at velocities w (nb, 6)."""
+    """Add sign A w to x (nrows,): A w are the rates of the constraint rows at the velocities w (nb, 6).
+
+    Joint j has the rows ``row[j]`` to ``row[j + 1]`` between the bodies ``body[j]``; -1 is the ground.
+    """
     for j in range(len(body)):
         first, last = row[j], row[j + 1]
         for e in range(2):
@@ -39,9 +44,10 @@ def add_rates(body, row, pins, X, way, w, sign, x):
 
 @compile_inline
 def add_loads(body, row, pins, mass, way, Y, x, w):
-    """Add M^-1 A^T x to w (nb, 6): the velocity change by the multipliers x (nrows,).
+    """Add M^-1 A^T x to w (nb, 6), the change of velocities by the multipliers x (nrows,).
 
-    The rows of A are given by their forces ``way`` and their torques over inertia Y = X J^-1.
+    The rows of A are given by their forces ``way`` and by Y = X J^-1, their torques over inertia. Joint j has the rows
+    ``row[j]`` to ``row[j + 1]`` between the bodies ``body[j]``; -1 is the ground.
     """
     for j in range(len(body)):
         first, last = row[j], row[j + 1]
@@ -64,10 +70,10 @@ def add_loads(body, row, pins, mass, way, Y, x, w):
 
 
 def react(k):
-    """Compute accelerations ``k.v_dot`` and multipliers ``k.lam`` from the rows and the factor of S in the kernel."""
+    """Compute accelerations ``k.v_dot`` and multipliers ``k.lam`` of index 1 with the present rows and factor of S."""
     run(k.forces)
     copy(k.force, k.v_dot)
-    times_inverse_mass(k.mass, k.J_inv, k.v_dot)
+    multiply_by_inverse_mass(k.mass, k.J_inv, k.v_dot)
     for a in range(len(k.rhs)):
         k.rhs[a] = -k.gamma[a]
     add_rates(k.body, k.row, k.pins, k.X, k.way, k.v_dot, -1.0, k.rhs)
@@ -77,10 +83,10 @@ def react(k):
 
 
 def close_joints(k):
-    """Move poses towards phi = 0 along M^-1 A^T: the least change in the norm of M that is right to first order.
+    """Move the poses towards phi = 0 along M^-1 A^T: to first order the least change in the norm of M.
 
-    Rows and the factor of S are those in the kernel. The remaining phi is of second order, as long as ``k.L`` belongs
-    to nearby poses.
+    Rows and the factor of S are those in the kernel. The remaining phi is of second order if the factor belongs to
+    nearby poses.
     """
     for a in range(len(k.rhs)):
         k.rhs[a] = -k.phi[a]
@@ -94,7 +100,7 @@ def close_joints(k):
 
 
 def project_rates(k):
-    """Project the velocities ``k.v`` onto A v + phi_t = 0 along M^-1 A^T; ``k.rhs`` gets the impulse.
+    """Project the velocities ``k.v`` onto A v + phi_t = 0 along M^-1 A^T; set ``k.rhs`` to the impulses of the rows.
 
     Rows and the factor of S are those in the kernel.
     """
@@ -107,24 +113,21 @@ def project_rates(k):
 
 def divide(k):
     """Set ``k.w`` := M^-1 w, which converts momenta to velocities."""
-    times_inverse_mass(k.mass, k.J_inv, k.w)
+    multiply_by_inverse_mass(k.mass, k.J_inv, k.w)
 
 
 def push(k):
-    """Add to ``k.w`` (bodies, 6) the change M^-1 A^T x of velocities that the impulses ``k.x`` (rows,) make.
-
-    A are the rows at the pose that the kernel was set to; ``k.w`` is in the order of ``k.v``.
-    """
+    """Add M^-1 A^T x to ``k.w`` (nb, 6): the change of velocities by impulses ``k.x`` (nrows,) of the present rows."""
     add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.x, k.w)
 
 
 def push_kept(k):
-    """Add M^-1 A^T x to ``k.w``, the velocity change by ``k.x`` on the rows that ``keep_rows`` has copied."""
+    """Add M^-1 A^T x to ``k.w``, the change of velocities by ``k.x`` on the rows that ``keep_rows`` has copied."""
     add_loads(k.body, k.row, k.pins, k.mass, k.way0, k.Y0, k.x, k.w)
 
 
 def keep_rows(k):
-    """Copy the constraint rows in the kernel for ``push_kept``."""
+    """Copy the present constraint rows, ``k.Y`` and ``k.way``, for ``push_kept``."""
     copy(k.Y, k.Y0)
     copy(k.way, k.way0)
 

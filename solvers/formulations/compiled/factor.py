@@ -9,6 +9,8 @@ rows become dependent although the rank stays the same, module ``row_choice`` ch
 The three point rows of a hinge are taken across its axis and then along it, in any frame: in a planar mechanism the
 row along the axis is redundant itself. Along the axes of space each of the three would have a share of the redundancy,
 and rounding would decide which one is left out.
+
+``k`` is a ``Kernel``; in ``L`` its columns ``col`` are joints in elimination order, each of blocks ``p`` (``Blocks``).
 """
 
 import math
@@ -46,16 +48,16 @@ def solve_points(k):
 
 @compile_inline_fused
 def _factorise(k, W):
-    """Assemble S in blocks W x W, then factorise it in place; ``k.state.rank`` becomes the number of rows kept."""
+    """Assemble S in blocks (W, W), then factorise it in place; ``k.state.rank`` becomes the number of rows kept."""
     assemble(k, W)
     eliminate(k, W)
 
 
 @compile_inline_fused
 def assemble(k, W):
-    """Assemble S in ``k.L`` and copy its diagonal to ``k.diagonal``.
+    """Assemble S in ``k.L``, in blocks (W, W), and copy its diagonal to ``k.diagonal``.
 
-    ``k.state.shift`` times the diagonal is added to it first: with more than ``DEPENDENT`` no row is dropped.
+    ``k.state.shift`` times the diagonal is added to it first: with a shift above ``DEPENDENT`` no row is dropped.
     """
     b, L, nj = k.blocks, k.L, len(k.blocks.joint)
     if W == HINGE:
@@ -73,14 +75,14 @@ def assemble(k, W):
                 ea, ec = b.shared[t, 1], b.shared[t, 2]
                 weight = (1.0 - 2.0 * ea) * (1.0 - 2.0 * ec) / k.mass[k.body[jc, ec]]
                 if size == W:
-                    _add_turnings(k.X, k.Y, L, p, at, ea, to, ec, W, height)
+                    _add_rotational_part(k.X, k.Y, L, p, at, ea, to, ec, W, height)
                 else:
-                    _add_turnings(k.X, k.Y, L, p, at, ea, to, ec, size, height)
+                    _add_rotational_part(k.X, k.Y, L, p, at, ea, to, ec, size, height)
                 if k.pins[ja] and k.pins[jc]:
                     for a in range(3):
                         L[p, a, a] += weight
                 else:
-                    _add_translations(k.way, at, to, height, size, weight, L, p)
+                    _add_translational_part(k.way, at, to, height, size, weight, L, p)
         for a in range(size):
             L[b.start[col], a, a] *= 1.0 + k.state.shift
         if W == HINGE:
@@ -91,20 +93,20 @@ def assemble(k, W):
 
 @compile_inline_fused
 def eliminate(k, W):
-    """Factorise S in ``k.L`` in place (block Cholesky); rows whose ``k.diagonal`` is infinite are left out.
+    """Factorise S in ``k.L`` in place by block Cholesky; ``k.state.rank`` becomes the number of rows kept.
 
-    ``k.state.rank`` becomes the number of rows kept.
+    Rows that depend on earlier ones, and those whose ``k.diagonal`` is infinite, are left out.
     """
     b, L, nj, rank = k.blocks, k.L, len(k.blocks.joint), 0
     for col in range(nj):
         d, size = b.start[col], b.size[col]
-        rank += _diagonal(L, d, size, k.diagonal, b.row[col])
+        rank += _decompose_diagonal_block(L, d, size, k.diagonal, b.row[col])
         for p in range(d + 1, b.start[col + 1]):  # L_pd = S_pd L_dd^-T
             height = b.size[b.other[p]]
             if size == W:  # a constant size unrolls the loops: half the time of a full block
-                _divide(L, p, d, W, height)
+                _divide_by_diagonal(L, p, d, W, height)
             else:
-                _divide(L, p, d, size, height)
+                _divide_by_diagonal(L, p, d, size, height)
         for t in range(b.update_start[col], b.update_start[col + 1]):
             target, left, right = b.update[t, 0], b.update[t, 1], b.update[t, 2]
             for a in range(W):
@@ -118,7 +120,7 @@ def eliminate(k, W):
 
 @compile_inline_fused
 def _solve(k, W):
-    """Set ``k.rhs`` := S^-1 rhs by forward and back substitution with blocks W x W."""
+    """Set ``k.rhs`` := S^-1 rhs by forward and back substitution with blocks (W, W)."""
     b, L, x, nj = k.blocks, k.L, k.rhs, len(k.blocks.joint)
     if W == HINGE:
         turn_rows(k, x)
@@ -154,9 +156,9 @@ def _solve(k, W):
 
 @compile_inline
 def _find_axes(k):
-    """Set ``k.turn`` to the directions of each hinge's point rows, two across its axis and the axis, in space.
+    """Set ``k.turn`` to the directions of each hinge's point rows: two across its axis, then the axis, in space.
 
-    Where rows remain along the axes of space, its row 0 has no x and y component.
+    Where the point rows stay along the axes of space, row 0 of its matrix has no x and no y component.
     """
     b = k.blocks
     for col in range(len(b.joint)):
@@ -176,9 +178,10 @@ def _find_axes(k):
 
 @compile_inline
 def _set_directions(Q, x, y, z):
-    """Set Q := two directions across the hinge's axis (x, y, z), then the axis; unchanged if that is an axis of space.
+    """Set the rows of Q to two directions across a hinge's axis (x, y, z) in space, and to the axis.
 
-    The first is normal to the axis of space along which (x, y, z) has its smallest component.
+    The first is also normal to the axis of space along which (x, y, z) has its smallest component. Q is left unchanged
+    if the hinge's axis is an axis of space.
     """
     least, u, v, w = abs(z), -y, x, 0.0
     if abs(y) < least:
@@ -196,13 +199,13 @@ def _set_directions(Q, x, y, z):
 
 @compile_inline
 def _is_turned(Q):
-    """Return whether a hinge's point rows are taken in the directions of Q, whose first is never along z."""
+    """Return whether Q, of ``k.turn``, has directions of a hinge's point rows: the first of them is never along z."""
     return Q[0, 0] != 0.0 or Q[0, 1] != 0.0
 
 
 @compile_inline
 def _turn_blocks(k, col):
-    """Rotate the blocks of S in column ``col`` from the axes of space to the directions of their hinges."""
+    """Rotate the blocks of S in column ``col``: point rows along the axes of space become those of the hinges."""
     b, L, Q = k.blocks, k.L, k.turn[col]
     for p in range(b.start[col], b.start[col + 1]):
         P = k.turn[b.other[p]]
@@ -220,7 +223,7 @@ def _turn_blocks(k, col):
 
 @compile_inline
 def turn_rows(k, x):
-    """Express the point rows of hinges in ``x`` (nrows,) in their own directions, across the axis and along it."""
+    """Rotate the point rows of hinges in x (nrows,), in place, from the axes of space to directions of ``k.turn``."""
     b = k.blocks
     for col in range(len(b.joint)):
         Q, row = k.turn[col], b.row[col]
@@ -232,7 +235,7 @@ def turn_rows(k, x):
 
 @compile_inline
 def turn_rows_back(k, x):
-    """Express the point rows of hinges in ``x`` (nrows,) along the axes of space again."""
+    """Rotate the point rows of hinges in x (nrows,), in place, from directions of ``k.turn`` to the axes of space."""
     b = k.blocks
     for col in range(len(b.joint)):
         Q, row = k.turn[col], b.row[col]
@@ -243,8 +246,11 @@ def turn_rows_back(k, x):
 
 
 @compile_inline_fused
-def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
-    """Add X J^-1 X^T, the rotational part of S for two joints at one body, to block ``p`` of L."""
+def _add_rotational_part(X, Y, L, p, at, ea, to, ec, size, height):
+    """Add X J^-1 X^T, the rotational part of S for two joints at one body, to block ``p`` of L.
+
+    The ``height`` rows from ``at`` on, at their end ``ea``, meet the ``size`` rows from ``to`` on, at their end ``ec``.
+    """
     for a in range(height):
         x0, x1, x2 = X[ea, at + a, 0], X[ea, at + a, 1], X[ea, at + a, 2]
         for c in range(size):
@@ -252,8 +258,12 @@ def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
 
 
 @compile_inline_fused
-def _add_translations(way, at, to, height, size, weight, L, p):
-    """Add weight f_a . f_c, the translational part of S, to block ``p`` of L, for rows with a force in ``way``."""
+def _add_translational_part(way, at, to, height, size, weight, L, p):
+    """Add weight f_a . f_c, the translational part of S for two joints at one body, to block ``p`` of L.
+
+    f are the forces ``way`` of the ``height`` rows from ``at`` on and of the ``size`` rows from ``to`` on; ``weight``
+    is 1/m times the signs of both ends.
+    """
     for a in range(height):
         f0, f1, f2 = way[at + a, 0], way[at + a, 1], way[at + a, 2]
         for c in range(size):
@@ -261,8 +271,8 @@ def _add_translations(way, at, to, height, size, weight, L, p):
 
 
 @compile_inline_fused
-def _divide(L, p, d, size, height):
-    """Set block p of L := L_p L_d^-T, where d is the factorised diagonal block."""
+def _divide_by_diagonal(L, p, d, size, height):
+    """Set block p (height, size) of L := L_p L_d^-T, where d is the factorised diagonal block of its column."""
     for a in range(height):
         for c in range(size):
             x = L[p, a, c]
@@ -273,7 +283,7 @@ def _divide(L, p, d, size, height):
 
 @compile_inline_fused
 def _subtract(L, p, x, row, size, at, height):
-    """Subtract block p times x[row:] from x[at:], in the forward substitution."""
+    """Subtract block p (height, size) times x[row:] from x[at:], in the forward substitution."""
     for a in range(height):
         y = 0.0
         for q in range(size):
@@ -283,7 +293,7 @@ def _subtract(L, p, x, row, size, at, height):
 
 @compile_inline_fused
 def _subtract_transposed(L, p, x, row, size, at, height):
-    """Subtract block p transposed times x[at:] from x[row:], in the back substitution."""
+    """Subtract block p (height, size), transposed, times x[at:] from x[row:], in the back substitution."""
     for a in range(height):
         y = x[at + a]
         for q in range(size):
@@ -291,8 +301,11 @@ def _subtract_transposed(L, p, x, row, size, at, height):
 
 
 @compile_inline_fused
-def _diagonal(L, d, size, diagonal, row):
-    """Factorise a diagonal block by Cholesky and invert its diagonal; return the number of rows kept."""
+def _decompose_diagonal_block(L, d, size, diagonal, row):
+    """Factorise the diagonal block d by Cholesky, with its diagonal inverted; return the number of rows kept.
+
+    The inverse is 0 in a row whose pivot is below ``DEPENDENT`` times its entry of ``diagonal``, from index ``row`` on.
+    """
     kept = 0
     for c in range(size):
         x = L[d, c, c]

@@ -6,16 +6,16 @@ from collections.abc import Callable, Collection, Sequence
 Left = dict[int, set[int]]  # neighbours still there, by node
 
 
-def eliminate(
-    near: Sequence[set[int]], cost: Callable[[Left, int], tuple[int, ...]], first: Sequence[Collection[int]] = ()
+def find_elimination_order(
+    neighbours: Sequence[set[int]], cost: Callable[[Left, int], tuple[int, ...]], first: Sequence[Collection[int]] = ()
 ) -> tuple[list[int], Left]:
     """Return an order of elimination of a graph's nodes, and for each node its neighbours eliminated later.
 
-    ``near`` are the neighbours of each node; the node of least ``cost`` is next. A node comes after those that
-    ``first`` lists for it. Costs may depend on a node's neighbours and theirs: only those around the last node are
-    recomputed.
+    ``neighbours`` are those of each node at first; the node of least ``cost(neighbours left, node)`` is next. A node
+    comes after those that ``first`` lists for it; without ``first`` none has to wait. A cost may depend on a node's
+    neighbours and theirs: only the costs around the node eliminated last are computed again.
     """
-    left = {k: set(n) for k, n in enumerate(near)}
+    left = {k: set(n) for k, n in enumerate(neighbours)}
     waits = {k: set(nodes) for k, nodes in enumerate(first) if nodes}
     rank = {k: (*cost(left, k), k) for k in left if k not in waits}
     queue = sorted(rank.values())
@@ -26,16 +26,16 @@ def eliminate(
         j = found[-1]
         if rank.get(j) != found:
             continue
-        mine = left.pop(j)
+        own = left.pop(j)
         del rank[j]
         order.append(j)
-        later[j] = mine
-        for k in mine:
-            left[k] |= mine
+        later[j] = own
+        for k in own:
+            left[k] |= own
             left[k] -= {j, k}
             if k in waits:
                 waits[k].discard(j)
-        for k in mine.union(*(left[k] for k in mine)):
+        for k in own.union(*(left[k] for k in own)):
             if not waits.get(k) and (now := (*cost(left, k), k)) != rank.get(k):
                 rank[k] = now
                 heapq.heappush(queue, now)

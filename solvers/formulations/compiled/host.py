@@ -1,4 +1,4 @@
-"""Integration by compiled methods: the kernel, a method, its march in stretches, limits, and the trajectory."""
+"""Integration by compiled methods: the kernel, a method, its march in batches of steps, limits, and the trajectory."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
@@ -54,7 +54,7 @@ NO_DIAGNOSTICS = np.zeros(0)
 
 
 def choose_tolerance(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]]:
-    """Return the tolerance for phi: ``asked`` [m], or the rounding of phi where that is larger; and notes on it."""
+    """Return the tolerance for phi, ``asked`` [m] or, where that is larger, the rounding of phi; and a note if so."""
     system = problem.system
     largest = max(np.max(np.abs(a), initial=0.0) for a in (problem.initial.r, system.joint_s_i, system.joint_s_j))
     rounding = ROUNDINGS * float(np.finfo(float).eps) * float(largest)
@@ -67,9 +67,9 @@ def choose_tolerance(asked: float, problem: Problem) -> tuple[float, tuple[str, 
 def run_plainly(
     integrate: Callable[..., Trajectory], problem: Problem, control: StepControl, asked: float, **more: Any
 ) -> Trajectory:
-    """Run a method of ``solvers/plain`` with the tolerance that its compiled counterpart takes for ``asked`` [m].
+    """Integrate by a method of ``solvers/plain``, with the tolerance that its compiled form takes for ``asked`` [m].
 
-    A note is added if that differs from ``asked``. ``more`` are further arguments of ``integrate``.
+    A note is added to the trajectory if that differs from ``asked``. ``more`` are further arguments of ``integrate``.
     """
     tolerance, notes = choose_tolerance(asked, problem)
     out = integrate(problem, control, tolerance, **more)
@@ -77,20 +77,20 @@ def run_plainly(
 
 
 def refuse_unused(solver: Any, *names: str) -> str | None:
-    """Return the refusal of options ``names`` that plain code ignores where one is not its default, or None.
+    """Return the refusal of a solver with code=plain whose options ``names`` are not at their defaults, or None.
 
-    Only a solver with code=plain refuses.
+    Plain code ignores these options. A solver with other code is never refused.
     """
     defaults = {f.name: f.default for f in fields(solver)}
-    given = [name for name in names if getattr(solver, name) != defaults[name]]
-    return f"plain steps do not read {', '.join(given)}: leave it out" if given and solver.code == "plain" else None
+    changed = [name for name in names if getattr(solver, name) != defaults[name]]
+    return f"plain steps do not read {', '.join(changed)}: leave it out" if changed and solver.code == "plain" else None
 
 
 WITH_PLAIN = ("kernel", "mechanism", "auto", "plain")
 
 
 def code_option(*choices: str) -> Any:
-    """Return the option ``code`` of a solver, with these choices, by default all but "plain"."""
+    """Return the option ``code`` of a solver, with default "kernel" and these choices: by default all but "plain"."""
     words = {
         "kernel": "the kernel's loops",
         "mechanism": "straight code made for the mechanism",
@@ -116,7 +116,7 @@ class MarchedSolver:
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Return why code of the mechanism cannot be made, if the option requires it, or None."""
         return (
-            mechanism.refuse_mechanism(problem.system, allocate_kernel(problem.system))
+            mechanism.find_code_refusal(problem.system, allocate_kernel(problem.system))
             if self.code == "mechanism"
             else None
         )
@@ -154,6 +154,10 @@ class Marcher:
     """A method in progress: its kernel, and the bundles of its step and march, at first at the start of a problem."""
 
     def __init__(self, problem: Problem, method: Method, state: np.ndarray) -> None:
+        """Prepare the march from the start of ``problem``, and compile or load its code; no step is taken.
+
+        ``state`` is the record of ``make_control``, which the march shares.
+        """
         functions = [method.step, method.finish, *([method.start] if method.start else [])]
         needed = {*([] if method.start else ["accelerate"]), *method.needs}.union(
             *(digest_callees(function).names for function in functions)
@@ -172,16 +176,17 @@ class Marcher:
         self.stretch(0)  # compiles or loads the code
 
     def _choose_kernel(self, needed: frozenset[str]) -> Kernel:
-        """Return the kernel with the ``needed`` entries, by its loops or by code of the mechanism as the option says.
+        """Return the kernel with the ``needed`` entries, by loops or by code of the mechanism as the option says.
 
-        "auto" takes code that is kept on disk, else the loops, which may be replaced later. A note says which.
+        "auto" takes code that is kept on disk, else the loops, which may be replaced later. A note is stored that says
+        which, but for option "kernel".
         """
         if self.method.code == "kernel":
             return make_kernel(self._system, needed)
         empty = allocate_kernel(self._system)
         if self.method.code == "mechanism":
             return self._use_code(empty)
-        reason = mechanism.refuse_mechanism(self._system, empty)
+        reason = mechanism.find_code_refusal(self._system, empty)
         if reason is None and mechanism.is_code_kept(self._system, empty, needed):
             try:
                 return self._use_code(empty)
@@ -192,7 +197,7 @@ class Marcher:
         return finish_kernel(self._system, empty, needed)
 
     def _use_code(self, kernel: Kernel) -> Kernel:
-        """Return the kernel with entries of code made for the mechanism, and note from which time on it is used.
+        """Return the kernel with entries of code made for the mechanism, and store a note on its size and first time.
 
         Raises ``NoMechanismCode`` where none can be made.
         """
@@ -202,7 +207,7 @@ class Marcher:
         return made.kernel
 
     def _bind_entries(self, kernel: Kernel) -> None:
-        """Set the kernel, and make the entries of the method's step and finish for the present bundle."""
+        """Set the present kernel, and compile or load the method's step and finish for the present bundle."""
         self.kernel = kernel
         self._entries = BoundFunction(self.method.step, self.bundle), BoundFunction(self.method.finish, self.bundle)
 
@@ -223,17 +228,15 @@ class Marcher:
 
     @property
     def _evaluations(self) -> int:
-        """Number of evaluations of the kernel so far, as far as the method counts them.
-
-        It is its factorisations and iterations together, or its own count if that is larger.
-        """
+        """Number of evaluations of the kernel so far: as counted, or factorisations plus iterations if that is more."""
         c = self.state
         return max(int(c["evaluations"]), int(c["factorisations"]) + int(c["iterations"]))
 
     def stretch(self, n: int) -> Record:
         """March up to ``n`` steps from the present state; return the record of those accepted.
 
-        ``state["outcome"]`` says why the march ended. After many evaluations, option "auto" changes the code first.
+        ``state["outcome"]`` is set to the reason why the march ended. With option "auto" the code is changed first
+        once so many evaluations were made that it pays.
         """
         pays = self._may_change and self._evaluations > EVALUATIONS_THAT_PAY
         if pays and self.kernel.state["chosen"] != IN_USE:
@@ -281,9 +284,10 @@ def list_interpreter_notes() -> tuple[str, ...]:
 
 
 def _march(problem: Problem, control: StepControl, method: Method, marcher: Any, watch: Stopwatch) -> Trajectory:
-    """March in stretches to the end or a limit, and return the trajectory.
+    """March, a batch of steps at a time, to the end, a failure or a limit, and return the trajectory.
 
-    ``watch`` has run since the call of ``integrate`` began. Making code during the run counts as set-up.
+    ``marcher`` is a ``Marcher`` or one with the same methods. ``watch`` has run since the call of ``integrate`` began;
+    making code during the run counts as set-up. Each batch goes to the control's spool, if there is one.
     """
     system, state, order = problem.system, marcher.state, marcher.kernel.order
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * system.nb + system.nrows)))))
@@ -296,7 +300,7 @@ def _march(problem: Problem, control: StepControl, method: Method, marcher: Any,
         done.append(record)
         taken += len(record.t)
         if control.spool is not None and len(record.t):
-            control.spool.take(record.t, _states(record))
+            control.spool.take(record.t, _collect_states(record))
         outcome, t = int(state["outcome"]), float(state["t"])
         if outcome == marching.FINISHED:
             break
@@ -313,7 +317,7 @@ def _march(problem: Problem, control: StepControl, method: Method, marcher: Any,
             break
     cpu, set_up = watch.solver - set_up, set_up + watch.code
     whole = Record(*(np.concatenate(a) for a in zip(*done, strict=True)))
-    first, moved = problem.initial, _states(whole)
+    first, moved = problem.initial, _collect_states(whole)
     reaction = np.concatenate((marcher.reaction, whole.lam[:, order]))
     return Trajectory(
         t=np.concatenate(([0.0], whole.t)),
@@ -349,6 +353,6 @@ ENDS = {
 }
 
 
-def _states(record: Record) -> States:
-    """Return the motion of the steps of a record."""
+def _collect_states(record: Record) -> States:
+    """Return poses and velocities of all bodies at the steps of a record."""
     return States(record.r, record.R, record.v[:, :, :3], record.v[:, :, 3:])

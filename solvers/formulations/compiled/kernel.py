@@ -123,7 +123,7 @@ class Part(NamedTuple):
 
 
 def make_kernel(system: MultibodySystem, needed: Collection[str] = ENTRIES) -> Kernel:
-    """Make the kernel of a system: its arrays, and programs for the entries that are ``needed``."""
+    """Make the kernel of a system: its arrays, and programs for the entries that are ``needed``, by default all."""
     return finish_kernel(system, allocate_kernel(system), needed)
 
 
@@ -132,18 +132,18 @@ def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -
     loops = Loops(system, k)
     made: dict[str, Program] = {}
 
-    def program(name: str) -> Program:
-        """Return the program of an entry, made once."""
+    def get_program(name: str) -> Program:
+        """Return the program of the entry ``name``, made at the first call."""
         if name not in made:
-            made[name] = one(name)
+            made[name] = make_program(name)
         return made[name]
 
-    def one(name: str) -> Program:
-        """Make the program of an entry: loops by kind, entries behind each other, or one function."""
+    def make_program(name: str) -> Program:
+        """Make the program of the entry ``name``: loops by kind, other entries in turn, or one compiled function."""
         if hasattr(loops, name):
             return Program(getattr(loops, name)(), loops, f"kernel.{name}")
         if name in JOINED:
-            parts = [program(part) for part in JOINED[name]]
+            parts = [get_program(part) for part in JOINED[name]]
             return Program([step for part in parts for step in part.steps], parts, f"kernel.{name}")
         if name == "leave_out":
             return BoundFunction(row_choice.leave_out, k) if len(k.dense) else Program([])
@@ -156,8 +156,8 @@ def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -
         return found
 
     def with_entries(names: Collection[str]) -> Kernel:
-        """Return the kernel with those of its entries that a function names."""
-        found: dict[str, Any] = {x: program(x) for x in ENTRIES if x in names}
+        """Return the kernel with programs for those of its entries that are among ``names``."""
+        found: dict[str, Any] = {x: get_program(x) for x in ENTRIES if x in names}
         return k._replace(**found)
 
     return with_entries(needed)
@@ -178,7 +178,7 @@ def set_state(k: Kernel, state: State) -> None:
 
 
 def forget_choice(k: Kernel) -> None:
-    """Make the next factor the first for the choice among redundant rows (module ``row_choice``)."""
+    """Restart the choice among redundant rows (module ``row_choice``), as if nothing had been factorised yet."""
     for name, value in zip(("first", "limit", "chosen", "poor"), UNKNOWN, strict=True):
         k.state[name] = value
 
@@ -199,7 +199,7 @@ def allocate_kernel(system: MultibodySystem) -> Kernel:
     pins = np.array([c.point == 3 and part.lo == 0 for c, part in zip(counts, parts, strict=True)], dtype=np.int64)
     users = np.stack((system.user_i, system.user_j), axis=1).astype(np.int64)
 
-    def bodies(*shape: int) -> np.ndarray:
+    def bodies(*shape: int) -> np.ndarray:  # zeros for each body
         return np.zeros((nb, *shape))
 
     blocks = _analyse_blocks(body, row, place)
@@ -262,10 +262,13 @@ def list_parts(system: MultibodySystem) -> tuple[list[int], list[Part]]:
 
 
 def _iterate_parts(system: MultibodySystem) -> Iterator[Part]:
-    """Yield the parts of all joints in the system's order; ValueError for a joint with too many rows for a block."""
+    """Yield the parts of all joints in the system's order.
+
+    Raises ValueError for a joint with more rows in one part than a block of S has.
+    """
     for j, sort in enumerate(system.joint_sort):
         c, ground = joints.DECLARED[joints.KINDS[sort]].count, bool(system.joint_j[j] == GROUND)
-        ahead = c.point + c.line + c.moving
+        ahead = c.point + c.line + c.moving  # rows before the axis rows
         if max(ahead, c.axis, ahead + c.axis if c.point and c.axis in (0, 2) else 0) > WIDTH:
             raise ValueError(f"{joints.KINDS[sort]} has more rows than the {WIDTH} of a block of S (got {sum(c)})")
         if c.point and c.axis in (0, 2):
@@ -280,8 +283,8 @@ def _iterate_parts(system: MultibodySystem) -> Iterator[Part]:
 def _analyse_blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Blocks:
     """Return the pattern of S and of its factor, for parts in the kernel's order.
 
-    ``place`` is the index of each part in the system's order. The pattern is analysed in that order, on which the
-    choice among redundant rows depends.
+    ``body`` are the two bodies of each part, ``row`` its first constraint row, ``place`` its index in the system's
+    order. The pattern is analysed in the system's order, on which the choice among redundant rows depends.
     """
     back = np.argsort(place) if place else np.zeros(0, dtype=np.int64)
     size = np.diff(row)[back]
@@ -292,7 +295,10 @@ def _analyse_blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Bloc
 
 
 def _list_body_pairs(system: MultibodySystem) -> np.ndarray:
-    """Return pairs of bodies (loaded, moving): (b, b) for each body, then both orders for each joint and force."""
+    """Return the pairs of bodies (npairs, 2) that have slopes: the loaded body, then the moving one.
+
+    First comes (b, b) for each body, then both orders for bodies coupled by a joint or force, each once.
+    """
     ends = [(getattr(system, f"{name}_i"), getattr(system, f"{name}_j")) for name in ("joint", "spring", "torsion")]
     ends.append((system.user_i, system.user_j))
     both = {(int(a), int(b)) for one in ends for a, b in zip(*one, strict=True) if GROUND not in (a, b) and a != b}
@@ -307,6 +313,7 @@ class Loops:
     """The entries of a kernel that are loops over joints or forces of one kind, as steps of programs."""
 
     def __init__(self, system: MultibodySystem, k: Kernel) -> None:
+        """Group the parts of joints by kind, and set ``k.way`` of those whose forces are constant."""
         self._system, self._k, self._parts = system, k, list_parts(system)[1]
         self._place = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
         self._keeps: list[Any] = []
@@ -324,11 +331,12 @@ class Loops:
         *of: Any,
         **choices: Any,
     ) -> dict[str, Any]:
-        """Return programs for functions that ``maker`` makes for a kind of joint, each over all joints.
+        """Return programs, by name, for functions that run over all joints, kind by kind.
 
-        ``signatures`` has their names and, for their docstrings, what they read and write; ``list_arrays`` returns the
-        arguments of each for a group of joints with its code, after the number of joints; ``of`` and ``choices`` are
-        further arguments of ``maker``. With ``MBSBENCH_PYTHON=1`` Python runs them.
+        ``maker`` is "module.function" of folder ``rows``, which makes the functions of one kind; ``of`` and ``choices``
+        are its further arguments. ``signatures`` has the names of the functions and, as their docstrings, what they
+        read and write. ``list_arrays`` returns the arguments of each function for a group of joints with its code,
+        after the number of joints. With ``MBSBENCH_PYTHON=1`` Python runs the functions.
         """
         calls: dict[str, list[Step]] = {name: [] for name in signatures}
         interpreted, (module, function) = os.environ.get(PYTHON) == "1", maker.split(".")
@@ -349,13 +357,19 @@ class Loops:
             made[name].__doc__ = signatures[name]
         return made
 
-    def _step(self, group: "ElementGroup", code: Code, name: str, *arrays: np.ndarray) -> Step:
-        """Return the call of function ``name`` of ``code`` over a group's members, as a step; nothing is run."""
+    def _make_loop_step(self, group: "ElementGroup", code: Code, name: str, *arrays: np.ndarray) -> Step:
+        """Return the step that calls function ``name`` of ``code`` over a group's members; nothing is run here.
+
+        Its arguments are the number of members, the time, their parameters, and ``arrays``.
+        """
         self._keeps.append(code)
         return code.address(name), [group.members, self._k.t, group.numbers, *arrays]
 
     def rows(self) -> list[Step]:
-        """Return the steps that compute the constraint rows: X, Y, way, phi, slip and gamma of the kernel."""
+        """Return the steps that compute the constraint rows: X, Y, way, phi, slip and gamma of the kernel.
+
+        ``way`` of joints with constant forces and ``slip`` of those without a drive are not computed.
+        """
         k, steps = self._k, []
         for group in self._groups:
             made, rows, ends = load_row_code(*group.key), group.rows, group.ends
@@ -363,16 +377,16 @@ class Loops:
             stored += [] if made.way is not None else [k.way[rows]]
             stored += [] if made.is_phi_t_zero else [k.slip[rows]]
             at = list_places(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
-            steps.append(self._step(group, made.code, "rows", *at, *stored))
+            steps.append(self._make_loop_step(group, made.code, "rows", *at, *stored))
         return steps
 
     def load_slopes(self) -> list[Step]:
         """Return the steps that add the slopes of A^T lam by poses to ``by_pose``."""
         k = self._k
         return [
-            self._step(
+            self._make_loop_step(
                 group,
-                load_or_make_code("loops.row_slopes", *group.key),
+                load_or_make_code("loops.make_row_slope_loops", *group.key),
                 "load_slopes",
                 k.lam[group.rows],
                 *list_places(group, (k.r, 3), (k.R, 9)),
@@ -385,9 +399,9 @@ class Loops:
         """Return the steps that compute ``rate_slope``, the slopes of phi_dot by poses."""
         k = self._k
         return [
-            self._step(
+            self._make_loop_step(
                 group,
-                load_or_make_code("loops.row_slopes", *group.key),
+                load_or_make_code("loops.make_row_slope_loops", *group.key),
                 "rate_slopes",
                 *list_places(group, (k.r, 3), (k.R, 9), (k.v, 6)),
                 *(k.rate_slope[e, group.rows] for e in group.ends),
@@ -396,11 +410,11 @@ class Loops:
         ]
 
     def forces(self) -> list[Step]:
-        """Return the steps that compute ``force``: applied forces, less the gyroscopic torque Omega x J Omega."""
+        """Return the steps that set ``force`` to the applied forces, less the gyroscopic torque Omega x J Omega."""
         return self._make_load_steps("forces")
 
     def applied_forces(self) -> list[Step]:
-        """Return the steps that compute ``force``: applied forces alone."""
+        """Return the steps that set ``force`` to the applied forces alone."""
         return self._make_load_steps("applied")
 
     def _make_load_steps(self, bodies: str) -> list[Step]:
@@ -411,42 +425,49 @@ class Loops:
         k, steps = self._k, [self._make_body_step(bodies)]
         for kind, group in self._iterate_force_groups():
             at = [*list_places(group, (k.r, 3), (k.R, 9), (k.v, 6)), *list_places(group, (k.force, 6))]
-            steps.append(self._step(group, load_or_make_code("loops.push", kind, group.ends == [0]), "push", *at))
+            steps.append(
+                self._make_loop_step(
+                    group, load_or_make_code("loops.make_load_loops", kind, group.ends == [0]), "push", *at
+                )
+            )
         return [*steps, *self._make_user_steps(user_forces.add_user_forces)]
 
     def _make_body_step(self, name: str) -> Step:
         """Return the step that sets ``force`` by the loop ``name`` over all bodies."""
         s, k = self._system, self._k
         weight = s.mass[:, None] * s.gravity
-        return load_or_make_code("loops.bodies").address(name), [np.array([s.nb]), weight, k.J, k.v, k.force]
+        return load_or_make_code("loops.make_body_loops").address(name), [np.array([s.nb]), weight, k.J, k.v, k.force]
 
     def force_slopes(self) -> list[Step]:
         """Return the steps that compute ``by_pose``, ``by_rate``: slopes of ``forces`` by poses and velocities."""
         nb, k = np.array([self._system.nb]), self._k
-        turning = load_or_make_code("loops.bodies").address("slopes"), [nb, k.J, k.v, k.by_rate]
+        turning = load_or_make_code("loops.make_body_loops").address("slopes"), [nb, k.J, k.v, k.by_rate]
         zero, *pushes = self.applied_slopes()
         return [zero, pushes[0], turning, *pushes[1:]]
 
     def applied_slopes(self) -> list[Step]:
         """Return the steps that compute the slopes of ``applied_forces`` by poses and velocities."""
-        return [*self._push_slopes("spring", "torsion", "load"), *self._make_user_steps(user_forces.add_user_slopes)]
+        return [
+            *self._make_slope_steps("spring", "torsion", "load"),
+            *self._make_user_steps(user_forces.add_user_slopes),
+        ]
 
     def spring_slopes(self) -> list[Step]:
         """Return the steps that compute the slopes of spring-dampers alone by poses and velocities."""
-        return self._push_slopes("spring")
+        return self._make_slope_steps("spring")
 
-    def _push_slopes(self, *kinds: str) -> list[Step]:
+    def _make_slope_steps(self, *kinds: str) -> list[Step]:
         """Return the steps that set the slopes to zero and add those of the forces of these ``kinds``."""
-        k, zero = self._k, load_or_make_code("loops.bodies").address("zero")
+        k, zero = self._k, load_or_make_code("loops.make_body_loops").address("zero")
         steps: list[Step] = [(zero, [np.array([a.size]), a]) for a in (k.by_pose, k.by_rate)]
         for kind, group in self._iterate_force_groups():
             if kind in kinds:
                 code, at = (
-                    load_or_make_code("loops.push_slopes", kind, group.ends == [0]),
+                    load_or_make_code("loops.make_load_slope_loops", kind, group.ends == [0]),
                     [(k.r, 3), (k.R, 9), (k.v, 6)],
                 )
                 blocks = (x for a in (k.by_pose, k.by_rate) for x in self.list_blocks(a, group))
-                steps.append(self._step(group, code, "slopes", *list_places(group, *at), *blocks))
+                steps.append(self._make_loop_step(group, code, "slopes", *list_places(group, *at), *blocks))
         return steps
 
     def _make_user_steps(self, function: Callable[[Any], None]) -> list[Step]:
@@ -458,16 +479,16 @@ class Loops:
         return users.steps
 
     def list_blocks(self, slopes: np.ndarray, group: "ElementGroup", couple: bool = True) -> Iterator[np.ndarray]:
-        """Yield, by loaded and moving end, the array ``slopes`` and the first indices in it of a group's blocks.
+        """Yield the array ``slopes`` and the first index in it of each member's block (6, 6), by pair of ends.
 
-        Without ``couple`` these are the blocks of one end by itself.
+        Pairs are (loaded end, moving end); without ``couple`` only those of an end with itself.
         """
         for a, b in ((a, b) for a in group.ends for b in group.ends if couple or a == b):
             place = [self._place[int(one[a]), int(one[b])] for one in group.body]
             yield from (slopes, 36 * np.array(place, dtype=np.int64))
 
     def _group_parts(self) -> Iterator["ElementGroup"]:
-        """Yield the parts of joints in groups of one kind, each computed by one loop."""
+        """Yield the parts of joints in groups of one kind, in the kernel's order; one loop computes each group."""
         k, parts, at = self._k, self._parts, 0
         while at < len(parts):
             kind, lo, hi, ground, _ = parts[at]
@@ -481,7 +502,7 @@ class Loops:
             at = end
 
     def _iterate_force_groups(self) -> Iterator[tuple[str, "ElementGroup"]]:
-        """Yield kind and group of all springs, torsional springs and loads, those attached to the ground separately."""
+        """Yield kind and group of all springs, torsional springs and loads; those with the ground form own groups."""
         for kind in ("spring", "torsion", "load"):
             i = np.asarray(getattr(self._system, f"{kind}_i"), dtype=np.int64)
             j = np.full(len(i), GROUND) if kind == "load" else np.asarray(getattr(self._system, f"{kind}_j"))
@@ -495,7 +516,7 @@ class Loops:
 
 
 class ElementGroup(NamedTuple):
-    """The joints or forces of one kind: code key, bodies, moving ends, numbers, count (1,) and rows."""
+    """The joints or forces of one kind: code key, bodies, moving ends, parameters, number of members (1,) and rows."""
 
     key: tuple[str, tuple[int, ...], bool]
     body: np.ndarray
@@ -506,9 +527,9 @@ class ElementGroup(NamedTuple):
 
 
 def list_places(group: ElementGroup, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
-    """Yield, end by end, each array and the first index in it of each of a group's bodies.
+    """Yield, end by end, each array and the first index in it of each member's body, as arguments of a loop.
 
-    ``arrays`` are pairs of an array over bodies and its numbers per body.
+    ``arrays`` are pairs of an array over all bodies and its number of entries per body.
     """
     for e in group.ends:
         for array, size in arrays:

@@ -120,9 +120,9 @@ def allocate_record(n: int, nb: int, nrows: int, n_diagnostics: int = 0) -> Reco
 
 
 def march(m):
-    """March until the record is full, the end is reached or a step fails.
+    """March until the record is full, the end is reached or a step fails, and record every accepted step.
 
-    ``control.outcome`` becomes the reason, ``control.recorded`` the number of steps in the record.
+    ``m`` is a ``March``. ``control.outcome`` becomes the reason, ``control.recorded`` the number of steps recorded.
     """
     c, k, done = m.control, m.kernel, 0
     c.outcome = FULL
@@ -151,7 +151,7 @@ def march(m):
         if c.adaptive:
             _choose_next_step(c)
         else:
-            _advance(c)
+            _advance_on_grid(c)
         c.t = end
         c.steps += 1
         m.record.t[done] = end
@@ -167,10 +167,10 @@ def march(m):
 
 @compile_inline
 def _next_end(c, k):
-    """Set ``c.h`` [s] to the step to try; return the time [s] at which it ends.
+    """Set ``c.h`` [s] to the step to try, by the error, on the fixed grid or by reversible control; return its end [s].
 
-    ``c.outcome`` becomes FINISHED at the end of the march, or UNDERFLOW where an adaptive step is too short to advance
-    time.
+    ``c`` is the control, ``k`` the kernel. ``c.outcome`` becomes FINISHED at the end of the march, or UNDERFLOW where
+    an adaptive step is too short to advance time.
     """
     if c.adaptive:
         t, h, left = c.t, min(c.next_step, c.max_step), c.t_end - c.t
@@ -206,8 +206,8 @@ def _next_end(c, k):
 
 
 @compile_inline
-def _advance(c):
-    """Advance by one part of a step of the fixed grid; where ``place`` is then even, parts double in length."""
+def _advance_on_grid(c):
+    """Count one part of a step of the fixed grid as done; while ``place`` is then even, parts double in length."""
     c.place += 1
     while c.level > 0 and c.place % 2 == 0:
         c.place //= 2
@@ -219,9 +219,9 @@ def _advance(c):
 
 @compile_inline
 def _advance_pace(c, k):
-    """Advance z = dt / h of reversible step control; return the time [s] at which the next step ends.
+    """Advance z = dt / h (``c.pace``) of reversible step control; return the time [s] at which the next step ends.
 
-    At the end of the march it returns the present time.
+    At the end of the march the present time is returned. A step is at most ten times dt.
     """
     fourth, power = c.rate**4, 0.0
     for b in range(len(k.v)):
@@ -244,9 +244,9 @@ def _advance_pace(c, k):
 
 @compile_inline
 def _accept_step(c):
-    """Return whether the step's error is at most 1; else shorten the next try.
+    """Return whether the step's error is at most 1; if not, count a rejection and shorten the next try.
 
-    ``c.outcome`` becomes UNDERFLOW, or NOT_FINITE with an error that is not finite, where the next try is too short.
+    Where the next try would be too short, ``c.outcome`` becomes UNDERFLOW, or NOT_FINITE if the error is not finite.
     """
     if c.error <= 1.0:
         return True

@@ -26,17 +26,17 @@ def print_function(function: Callable[..., None], name: str, bundle: Any) -> str
     """
     replace_marked_functions(function.__module__, set())
     inner = numba.njit(**OPTIONS, forceinline=True)(function)
-    view = _viewer(Bundle(bundle))
+    view = _make_viewer(Bundle(bundle))
 
     def entry(words):  # type: ignore[no-untyped-def]
         inner(view(words))
 
     signature = (types.CPointer(types.int64),)
     text, entered = print_llvm(numba.njit(**OPTIONS)(entry), signature)
-    return f"{text}\n{_wrapper(name, entered)}\n"
+    return f"{text}\n{_print_wrapper(name, entered)}\n"
 
 
-def _wrapper(name: str, function: str) -> str:
+def _print_wrapper(name: str, function: str) -> str:
     """Return IR of ``name`` (words) -> void, which calls ``function``; its exceptions are raised again in Python.
 
     Calls from Python hold Python's lock (``PYFUNCTYPE``) and check for an exception when they have returned.
@@ -64,6 +64,7 @@ class Bundle(types.Type):  # type: ignore[misc]
     """Numba's type of a bundle, the address of its words; fields are loaded where they are named."""
 
     def __init__(self, bundle: Any) -> None:
+        """List the fields of a bundle: the index of the first word of each, and its type."""
         self.fields: dict[str, tuple[int, Any]] = {}
         self.length = 0
         for name, x in zip(bundle._fields, bundle, strict=True):
@@ -73,7 +74,7 @@ class Bundle(types.Type):  # type: ignore[misc]
 
 
 def _field_type(x: Any) -> Any:
-    """Return numba's type of a bundle's field."""
+    """Return numba's type of a bundle's field: an array, a record, a bundle or an integer."""
     if isinstance(x, np.ndarray):
         of = numba.from_dtype(x.dtype)
         return of if x.dtype.names else types.Array(of, x.ndim, "C")
@@ -109,7 +110,7 @@ def _load_field(context: Any, builder: Any, of: Any, words: Any, name: str) -> A
     if not isinstance(kind, types.Array):
         value = _load_word(builder, words, 0)
         return value if kind is types.int64 else builder.inttoptr(value, context.get_value_type(kind))
-    return builder.call(_array_loader(context, builder.module, kind), [words])
+    return builder.call(_make_array_loader(context, builder.module, kind), [words])
 
 
 def _load_word(builder: Any, words: Any, at: int) -> Any:
@@ -119,7 +120,7 @@ def _load_word(builder: Any, words: Any, at: int) -> Any:
     return value
 
 
-def _array_loader(context: Any, module: Any, kind: Any) -> Any:
+def _make_array_loader(context: Any, module: Any, kind: Any) -> Any:
     """Return the IR function that makes numba's array from the words at an address, written once per module."""
     name = f"mbsbench.load.{kind.dtype}.{kind.ndim}"
     if name in module.globals:
@@ -137,12 +138,15 @@ def _array_loader(context: Any, module: Any, kind: Any) -> Any:
     return function
 
 
-def _viewer(of: Bundle) -> Any:
+def _make_viewer(of: Bundle) -> Any:
     """Return an intrinsic that treats the address of words as a bundle of type ``of``."""
 
     @intrinsic
     def view(typing: Any, words: Any) -> Any:
+        """Return the type and the generator of the intrinsic, which returns its argument unchanged."""
+
         def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            """Return the address, after marking that as many words as the bundle has can be read there."""
             builder.function.args[-1].attributes.dereferenceable = 8 * max(of.length, 1)
             return given[0]
 
@@ -185,6 +189,7 @@ def run(typing: Any, entry: Any) -> Any:
     """Run the calls of a program, given by its word, in compiled code."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        """Write the IR that calls the runner at the program's first word with the address of its second."""
         program = builder.inttoptr(given[0], WORD.as_pointer())
         function = ir.FunctionType(ir.VoidType(), [WORD.as_pointer()])
         runner = builder.inttoptr(builder.load(program), function.as_pointer())
@@ -199,6 +204,7 @@ def call_law(typing: Any, address: Any, t: Any, state: Any, load: Any) -> Any:
     """Call a user's law(t, state, load) at the address of its C function, in compiled code."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        """Write the IR that calls the C function with t and the data of both arrays."""
         double = ir.DoubleType()
         law = ir.FunctionType(ir.VoidType(), [double, double.as_pointer(), double.as_pointer()])
         arrays = zip(signature.args[2:], given[2:], strict=True)

@@ -64,7 +64,7 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     accelerated about an axis without inertia.
     """
     check_time(s)
-    _, k, added, _ = _entries(system, "accelerations")
+    _, k, added, _ = _get_entry(system, "accelerations")
     set_state(k, s)
     k.rows.run()
     if np.any(phi_ddot):
@@ -89,7 +89,7 @@ def equations(system: MultibodySystem, s: State) -> Equations:
     is exact, with the rate of phi_t of drives; ``f`` has forces [N, space] and torques about C less Omega x J Omega.
     """
     check_time(s)
-    _, k, _, dense = _entries(system, "equations")
+    _, k, _, dense = _get_entry(system, "equations")
     assert dense is not None
     set_state(k, s)
     k.rows.run()
@@ -106,15 +106,16 @@ def equations(system: MultibodySystem, s: State) -> Equations:
 def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS) -> State:
     """Return the nearest consistent state: Gauss-Newton on phi, then velocities, both by the least change.
 
-    The metric is that of the masses, with a body's inertia taken as the mean about all axes. Raises
-    ``InconsistentStart`` where no pose is found.
+    The change is measured with the masses, and with the mean of each body's principal inertias. ``iterations`` is the
+    most that phi may take. Raises ``InconsistentStart`` where no pose is found.
     """
-    k = _entries(system, "project").kernel
+    k = _get_entry(system, "project").kernel
     set_state(k, state)
     v = k.v.copy()
     k.rows.run()
 
     def correct(k: Kernel, phi: np.ndarray) -> Kernel:
+        """Move the poses of ``k`` towards phi = 0 once, and reset its velocities; return it."""
         k.factorise.run()
         k.project.run()
         k.v[:] = v
@@ -137,8 +138,11 @@ NEEDED = {
 }
 
 
-def _entries(system: MultibodySystem, what: str) -> _Entry:
-    """Return the kernel of a system for the purpose ``what``, a key of ``NEEDED``; make and store it if it is new."""
+def _get_entry(system: MultibodySystem, what: str) -> _Entry:
+    """Return the kernel of a system for the purpose ``what``, a key of ``NEEDED``; make and store it if it is new.
+
+    The thread's oldest entry is discarded where it has ``KEPT``. Kernels for "project" have mean, spherical inertias.
+    """
     key, kept = (id(system), what), _kept.entries
     if key not in kept:
         k = make_kernel(system, NEEDED[what])
@@ -153,7 +157,7 @@ def _entries(system: MultibodySystem, what: str) -> _Entry:
 
 
 def _prepare_dense(system: MultibodySystem, k: Kernel) -> _Dense:
-    """Return M, and the indices in a dense A of each constraint row of the kernel at each end on a body."""
+    """Return M (nb, 6, 6), and for each row of the kernel, at each end on a body, its six indices in a dense A."""
     body = np.repeat(k.body, np.diff(k.row), axis=0)  # (nrows, 2)
     end, row = np.nonzero(body.T != GROUND)
     first = np.argsort(k.order)[row] * 6 * system.nb + 6 * body[row, end]

@@ -48,14 +48,14 @@ class PythonFunction:
 
     def _make_address(self) -> int:
         """Return the address at which machine code calls this object."""
-        self._callback = CALLBACK(self._answer)
+        self._callback = CALLBACK(self._run_for_machine_code)
         return int(ctypes.cast(self._callback, ctypes.c_void_p).value or 0)
 
     def __call__(self) -> None:
         self._function(self._bundle)
 
-    def _answer(self, _: Any) -> None:
-        """Run the function for machine code, and keep what it raises; do nothing after an exception."""
+    def _run_for_machine_code(self, _: Any) -> None:
+        """Run the function for machine code; store what it raises in ``RAISED``, and do nothing while that is full."""
         if not RAISED:
             try:
                 self()
@@ -66,11 +66,12 @@ class PythonFunction:
 class PythonLoop(PythonFunction):
     """A generated loop over joints or forces of one kind: CasADi evaluates its expressions for each of them.
 
-    ``loop`` is the ``Loop`` that machine code is made of, ``arrays`` are its arguments; ``given`` and ``found`` are
-    what one joint or force reads and what comes out, in the order of the expressions of ``loop``.
+    ``loop`` is the ``Loop`` that machine code is made of, ``arrays`` are its arguments, the first of them the number of
+    elements.
     """
 
     def __init__(self, loop: Any, arrays: Sequence[np.ndarray]) -> None:
+        """Make a CasADi function of the expressions of ``loop``, and an address at which machine code calls it."""
         import casadi as ca
 
         self._loop, self._arrays = loop, arrays
@@ -79,10 +80,15 @@ class PythonLoop(PythonFunction):
         self.address = self._make_address()
 
     def __call__(self) -> None:
+        """Evaluate the expressions for each element in turn; store or add the results in the arrays."""
         members, left = int(self._arrays[0][0]), iter(self._arrays[1:])
 
         def list_parts(access: str) -> list[list[np.ndarray]]:
-            """Return the next arrays, each as a list of the parts that belong to the elements."""
+            """Return, for each expression of ``access``, views of the next array: the entries of each element.
+
+            ``access`` is a field of ``Loop``: "whole" gives all elements the same entries, "rows" and "stored" one row
+            each, and "blocks" and "added_blocks" those from the indices in a further array on.
+            """
             parts = []
             for x in getattr(self._loop, access):
                 array, size = next(left), x.numel()

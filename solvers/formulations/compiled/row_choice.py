@@ -7,6 +7,8 @@ taken by the largest pivot next, each as a share of its own diagonal; the others
 the rows of the fixed order are well independent again. Near a change of rank no choice is better, and the kept rows
 stay. Code made for a mechanism also factorises in a fixed order, and rows are chosen in the same way from the pivots
 that it returns.
+
+``k`` is a ``Kernel``, ``state`` its record.
 """
 
 import math
@@ -39,7 +41,10 @@ def may_choose(system: MultibodySystem) -> bool:
 
 
 def choose_rows(k):
-    """Keep the factor in ``k.L``, or factorise on other rows where the kept ones are nearly dependent."""
+    """Keep the factor in ``k.L``, or factorise on other rows where the kept ones are nearly dependent.
+
+    ``k.chosen`` and ``k.state`` are updated.
+    """
     _choose_rows(k, WIDTH)
 
 
@@ -69,16 +74,16 @@ def choose_rows_of_code(k):
     """Keep the factor that code of the mechanism has made, or factorise on better rows."""
     state, rank = k.state, _rank_of_code(k)
     least = _least_pivot_of_code(k)
-    look = _decide_on_factor(state, len(k.inverse_share), rank, least)
-    if look == KEEP:
+    action = _decide_on_factor(state, len(k.inverse_share), rank, least)
+    if action == KEEP:
         return
-    if look == AS_CHOSEN:
-        _keep_chosen(k)
+    if action == AS_CHOSEN:
+        _repeat_on_chosen(k)
         if _rank_of_code(k) == rank and _least_pivot_of_code(k) > state.poor:
             return
     run(k.fill_dense)
-    if _accept_choice(state, _choose(k, rank, state.first), least):
-        _keep_chosen(k)
+    if _accept_choice(state, _mark_rows(k, rank, state.first), least):
+        _repeat_on_chosen(k)
     else:
         run(k.factorise_code)
 
@@ -94,10 +99,10 @@ def leave_out_of_code(k):
 
 @compile_inline
 def _decide_on_factor(state, n, rank, least):
-    """Decide what to do with a factor of ``n`` rows in the fixed order, and return it: KEEP, AS_CHOSEN or SEARCH.
+    """Return what to do with a factor of ``n`` rows in the fixed order: KEEP, AS_CHOSEN or SEARCH.
 
-    ``rank`` is the number of rows kept in it, ``least`` their least pivot as a share of its diagonal. The limits in
-    ``state`` are updated.
+    ``rank`` is the number of rows kept in it, ``least`` their least pivot as a fraction of its diagonal. AS_CHOSEN is
+    to repeat it on the rows chosen before, SEARCH to choose anew. The limits in ``state`` are updated.
     """
     if rank >= n:
         state.first = rank if state.first < 0 else state.first
@@ -118,9 +123,9 @@ def _decide_on_factor(state, n, rank, least):
 
 @compile_inline
 def _accept_choice(state, better, least):
-    """Return whether to use the rows found, of least pivot ``better``, in place of those of least pivot ``least``.
+    """Return whether to use the rows found, whose least pivot is ``better``, in place of those with ``least``.
 
-    ``state`` is updated: whether rows are chosen, and the limit for the next search.
+    ``state`` is updated: whether chosen rows are in use, and the pivot below which the next search is made.
     """
     if better > BETTER * max(least, GOOD * state.poor):
         state.chosen = IN_USE
@@ -132,30 +137,30 @@ def _accept_choice(state, better, least):
 
 @compile_inline_fused
 def _choose_rows(k, W):
-    """Keep the factor of the fixed order, or factorise on the rows chosen before or newly found, in blocks W x W."""
+    """Keep the factor of the fixed order, or factorise on rows chosen before or newly found, in blocks (W, W)."""
     state, rank = k.state, k.state.rank
     least = _least_pivot(k) if rank < len(k.diagonal) else 1.0
-    look = _decide_on_factor(state, len(k.diagonal), rank, least)
-    if look == KEEP:
+    action = _decide_on_factor(state, len(k.diagonal), rank, least)
+    if action == KEEP:
         return
-    if look == AS_CHOSEN:
+    if action == AS_CHOSEN:
         assemble(k, W)
-        _leave_others(k)
+        _exclude_others(k)
         eliminate(k, W)
         if state.rank == rank and _least_pivot(k) > state.poor:
             return
     assemble(k, W)
     _copy_scaled(k)
-    better = _choose(k, rank, state.first)
+    better = _mark_rows(k, rank, state.first)
     assemble(k, W)
     if _accept_choice(state, better, least):
-        _leave_others(k)
+        _exclude_others(k)
     eliminate(k, W)
 
 
 @compile_inline
-def _keep_chosen(k):
-    """Factorise again by code, on the chosen rows alone; later factors take all rows in the fixed order again."""
+def _repeat_on_chosen(k):
+    """Factorise again by code, on the chosen rows alone: the pivot bound of the others is infinite meanwhile."""
     for a in range(len(k.pivot_bound)):
         if k.chosen[a] == 0:
             k.pivot_bound[a] = math.inf
@@ -176,9 +181,9 @@ def _rank_of_code(k):
 
 @compile_inline
 def _least_pivot_of_code(k):
-    """Return the least pivot of the factor of S, each as a share of its diagonal entry in S; 1 where none is less.
+    """Return the least pivot in a factor by code, each as a fraction of its diagonal entry of S; at most 1.
 
-    For mechanisms whose factor is code made for them, which keeps the inverse of each share.
+    The code returns the inverse of each fraction.
     """
     most = 1.0
     for a in range(len(k.inverse_share)):
@@ -187,7 +192,7 @@ def _least_pivot_of_code(k):
 
 
 @compile_inline
-def _leave_others(k):
+def _exclude_others(k):
     """Set ``k.diagonal`` to infinity for the rows not chosen, so that ``eliminate`` leaves them out."""
     for a in range(len(k.diagonal)):
         if k.chosen[a] == 0:
@@ -196,7 +201,7 @@ def _leave_others(k):
 
 @compile_inline
 def _least_pivot(k):
-    """Return the least pivot of the rows kept, each as a share of its own diagonal."""
+    """Return the least pivot of the rows kept in ``k.L``, each as a fraction of its diagonal entry of S; at most 1."""
     b, least = k.blocks, 1.0
     for col in range(len(b.joint)):
         for c in range(b.size[col]):
@@ -225,11 +230,11 @@ def _copy_scaled(k):
 
 
 @compile_inline
-def _choose(k, rank, first):
-    """Mark ``rank`` rows in ``k.chosen``, the one of largest pivot next; return the least pivot.
+def _mark_rows(k, rank, first):
+    """Mark up to ``rank`` rows in ``k.chosen``, the one of largest pivot next; return the least pivot.
 
-    Of S in ``k.dense`` the Schur complements are formed in place. Beyond the ``first`` rows, as many as are independent
-    at the start, a pivot below ``VAGUE`` is due to an error of the pose.
+    S in ``k.dense``, scaled to a diagonal of one, is replaced by its Schur complements. Beyond the ``first`` rows, as
+    many as were independent at the start, a pivot below ``VAGUE`` is due to an error of the pose, and marking ends.
     """
     S, chosen, n, least = k.dense, k.chosen, len(k.diagonal), 1.0
     for a in range(n):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .bundles import make_bundle, make_record
-from .greedy_order import eliminate
+from .greedy_order import find_elimination_order
 
 NUMBERS = {  # arrays of the factors and of a solution, by elimination position
     "low": "nlow 6 6",
@@ -24,13 +24,13 @@ NUMBERS = {  # arrays of the factors and of a solution, by elimination position
 
 
 def analyse_saddle(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart: np.ndarray) -> tuple[Any, Any]:
-    """Return the bundle of the saddle's blocks and that of its LU factors: elimination order, fill and storage.
+    """Return the bundle of the saddle's blocks, and that of its LU factors: elimination order, fill and storage.
 
-    Blocks of the first, by rows: ``bodies``: load of one body by velocities of another, for pairs of the kernel;
-    ``column``: load of end e by the multipliers of a joint; ``row``: rows of a joint by the velocities of end e;
-    ``joint``: the diagonal block of a joint. Arguments: ``bodies`` (nj, 2) of joints, -1 for the ground, and their
-    first rows ``row`` (nj + 1,); ``pairs`` (npairs, 2) of bodies, first each with itself; ``apart``, the indices of the
-    other pairs that have a block.
+    ``bodies`` (nj, 2) are those of each joint, -1 for the ground, ``row`` (nj + 1,) its first constraint row. ``pairs``
+    (npairs, 2) are pairs of bodies, first each with itself; ``apart`` are the indices of the other pairs that have a
+    block. The saddle has, stored by rows, ``bodies``: load of one body by velocities of another, for each pair;
+    ``column``: load of end e by the multipliers of a joint; ``row``: rows of a joint by the velocities of end e; and
+    ``joint``: the diagonal block of a joint.
     """
     nb, nj, nrows = int(np.sum(pairs[:, 0] == pairs[:, 1])), len(bodies), int(row[-1])
     sizes = (36 * len(pairs), 6 * nrows, 6 * nrows, 6 * nrows, 6 * nrows, 36 * nj)
@@ -46,6 +46,7 @@ def analyse_saddle(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart
         row=blocks[first[3] : first[5]].reshape(2, -1),
         joint=parts[5].reshape(-1, 36),
     )
+    # nodes are bodies, then joints; the index in ``blocks`` of each block (node, node)
     keys: dict[tuple[int, int], int] = {(b, b): 36 * b for b in range(nb)}
     for j, ends in enumerate(bodies):
         for e, b in enumerate(ends):
@@ -62,7 +63,9 @@ def analyse_saddle(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart
             neighbours[b].add(a)
     size = np.concatenate((np.full(nb, 6), np.diff(row))).astype(np.int64)
     ahead: list[tuple[int, ...]] = [()] * nb + [tuple(map(int, ends[ends >= 0])) for ends in bodies]
-    found_order, later = eliminate(neighbours, lambda left, a: (int(sum(size[b] for b in left[a])),), ahead)
+    found_order, later = find_elimination_order(
+        neighbours, lambda left, a: (int(sum(size[b] for b in left[a])),), ahead
+    )
     order = np.array(found_order, dtype=np.int64)
     place = np.empty(nb + nj, dtype=np.int64)
     place[order] = np.arange(nb + nj)
@@ -79,27 +82,28 @@ def analyse_saddle(bodies: np.ndarray, row: np.ndarray, pairs: np.ndarray, apart
         "pair_width": size[order][column],
         "pair_place": np.array([keys[k] for k in ordered], dtype=np.int64),
     }
-    return saddle, _structure(order, [later[a] for a in found_order], place, size[order], at, found)
+    return saddle, _make_factors(order, [later[a] for a in found_order], place, size[order], at, found)
 
 
-def _structure(
+def _make_factors(
     order: np.ndarray,
-    behind: list[set[int]],
+    later_neighbours: list[set[int]],
     place: np.ndarray,
     size: np.ndarray,
     at: np.ndarray,
     found: dict[str, Any],
 ) -> Any:
-    """Return the bundle of LU factors: storage and index tables from the elimination ``order``.
+    """Return the bundle of LU factors, storage and index tables, from the elimination ``order`` of the nodes.
 
-    ``behind`` are the later neighbours of each node, ``place`` its position in the order, ``size`` and ``at`` the
-    number and first index of its scalars; ``found`` are further fields.
+    ``place`` is the position of each node in the order. By position, ``later_neighbours`` are the nodes that a node
+    meets and that are eliminated after it, ``size`` is its number of scalars, ``at`` the index of the first. ``found``
+    are further fields of the bundle.
     """
     N, n = len(order), int(at[-1])
     low: list[list[int]] = [[] for _ in range(N)]
     up: list[np.ndarray] = []
     for p in range(N):
-        later = sorted(int(place[b]) for b in behind[p])
+        later = sorted(int(place[b]) for b in later_neighbours[p])
         for q in later:
             low[q].append(p)
         up.append(np.concatenate([np.arange(at[q], at[q + 1]) for q in later] or [np.zeros(0, dtype=np.int64)]))

@@ -27,7 +27,8 @@ def stack_kernels(
 ) -> tuple[Any, list[Kernel]]:
     """Return a bundle of ``n`` kernels of a system in stacked arrays, and the kernels, which keep the entries alive.
 
-    ``code`` is "kernel" (loops) or "mechanism"; raises ``NoMechanismCode`` where the latter cannot be made.
+    The bundle has ``ARRAYS``, with the stage as first axis, and the addresses of the ``needed`` entries (n,). ``code``
+    is "kernel" (loops) or "mechanism"; raises ``NoMechanismCode`` where the latter cannot be made.
     """
     one = allocate_kernel(system)
     stacked: dict[str, Any] = {name: np.zeros((n, *getattr(one, name).shape)) for name in ARRAYS}
@@ -40,11 +41,11 @@ def stack_kernels(
     return make_bundle("Stages", {}, {}, **stacked, **words), made
 
 
-def make_springs(system: MultibodySystem, n: int) -> tuple[Any, list[Kernel], np.ndarray]:
-    """Make ``n`` kernels whose constraint rows are the lengths of a system's springs.
+def make_spring_kernels(system: MultibodySystem, n: int) -> tuple[Any, list[Kernel], np.ndarray]:
+    """Make ``n`` kernels of a system's bodies whose constraint rows are the lengths of its springs, without joints.
 
-    Returned are their bundle, the kernels, and (3, ns) stiffness [N/m], free length [m] and damping [kg/s] in the
-    kernels' order.
+    Return their bundle, the kernels, and stiffness [N/m], free length [m] and damping [kg/s] of the springs (3, ns), in
+    the order of the kernels' rows.
     """
     s, m = system, len(system.spring_k)
     none, some, of_time = np.zeros(m, dtype=np.int64), np.zeros((m, 3)), np.zeros((m, 7))
@@ -80,6 +81,6 @@ def remove_springs(system: MultibodySystem) -> MultibodySystem:
 
 
 def _cut_fields(system: MultibodySystem, *kinds: str) -> dict[str, Any]:
-    """Return the system's fields of these ``kinds`` of parts, each cut to length zero."""
+    """Return the system's fields whose names begin with one of ``kinds``, such as "spring", cut to length zero."""
     names = [name for name in vars(system) if name.split("_")[0] in kinds]
     return {name: getattr(system, name)[:0] for name in names}

@@ -7,10 +7,10 @@ DIFFERENCE = 1e-5  # step of central differences: rounding and truncation are 1e
 
 
 def add_user_forces(k):
-    """Add the forces and torques of the users' laws to ``k.force``, torques in the body."""
+    """Add the forces and torques of the users' laws to ``k.force``, with torques transformed from space to the body."""
     u = k.users
     for i in range(len(u.body)):
-        read_state(k, u, i)
+        set_law_input(k, u, i)
         call_law(u.law[i], k.t[0], u.state, u.load)
         for e in range(2):
             b = u.body[i, e]
@@ -23,8 +23,11 @@ def add_user_forces(k):
 
 
 @compile_inline
-def read_state(k, u, i):
-    """Set ``u.state``, the input of law ``i``: r, R, v, Omega of both bodies; zero and R = I for the ground."""
+def set_law_input(k, u, i):
+    """Set ``u.state``, the input of law ``i``: r, R, v, Omega of both bodies; zero and R = I for the ground.
+
+    ``k`` is the kernel, ``u`` its ``UserForces``.
+    """
     x = u.state
     for e in range(2):
         b = u.body[i, e]
@@ -39,8 +42,8 @@ def read_state(k, u, i):
 def add_user_slopes(k):
     """Add the derivatives of the users' loads by pose and by velocity to ``k.by_pose`` and ``k.by_rate``.
 
-    Each is a matrix (6, 6) of a pair of bodies: load of its first body by the motion of its second, by central
-    differences of ``DIFFERENCE``.
+    Each is a matrix (6, 6) for a pair of bodies of ``k.pair``, the load of the first by the motion of the second, by
+    central differences of step ``DIFFERENCE``.
     """
     u = k.users
     for i in range(len(u.body)):
@@ -55,16 +58,19 @@ def add_user_slopes(k):
 
 @compile_separately
 def _add_slope(k, u, i, e, o, c, side, by_pose, by_rate):
-    """Add half of column ``c`` of both slopes: the load of end ``e`` with end ``o`` moved to one ``side``."""
+    """Add one side of the central difference to column ``c`` of both slopes (6, 6) of law ``i``.
+
+    The load is that of end ``e``, with coordinate or velocity ``c`` of end ``o`` raised (``side`` 0) or lowered (1).
+    """
     h = DIFFERENCE * (1.0 - 2.0 * side)
-    read_state(k, u, i)
+    set_law_input(k, u, i)
     if c < 3:
         u.state[3 * o + c] += h
     else:
         R = u.state[6 + 9 * o : 15 + 9 * o].reshape(3, 3)
         turn_rotation(R, h * (c == 3), h * (c == 4), h * (c == 5), R)
     _add_column(k, u, i, e, o, c, side, by_pose, 0.5 / h)
-    read_state(k, u, i)
+    set_law_input(k, u, i)
     if c < 3:
         u.state[24 + 3 * o + c] += h
     else:
@@ -74,7 +80,10 @@ def _add_slope(k, u, i, e, o, c, side, by_pose, by_rate):
 
 @compile_separately
 def _add_column(k, u, i, e, o, c, side, K, weight):
-    """Add ``weight`` times end ``e``'s load, with the torque in the body, to column ``c`` of K."""
+    """Add ``weight`` times the load of end ``e`` by law ``i``, with the torque in the body, to column ``c`` of K.
+
+    The law is evaluated at ``u.state``.
+    """
     call_law(u.law[i], k.t[0], u.state, u.load)
     for a in range(3):
         K[a, c] += weight * u.load[e, a]

@@ -18,10 +18,10 @@ DEPENDENT = 1e-8  # share of a change of changes outside the span of others belo
 
 @compile_inline
 def accelerate(s: Any, h: float, known: int) -> int:
-    """Replace ``unknowns`` after a sweep by Anderson's combination; return the number of columns then known.
+    """Replace ``unknowns`` after a sweep by Anderson's combination of the sweeps so far, in the bundle ``s``.
 
-    ``known`` is the number of columns of ``basis`` found in this step, -1 before the first accelerated sweep; a new
-    column replaces the oldest. ``h`` [s] is the step.
+    Return the number of columns of ``basis`` found in this step. ``known`` is that number before the call, -1 before
+    the first accelerated sweep; beyond ``MEMORY`` a new column replaces the oldest. ``h`` [s] is the step.
     """
     n, k = len(s.unknowns), len(s.weights)
     if known < 0:
@@ -37,11 +37,11 @@ def accelerate(s: Any, h: float, known: int) -> int:
             new[a] = s.change[a] - s.change_before[a]
         for a in range(n):
             image[a] = s.unknowns[a] - s.left[a]
-        before = _product(new, new)
+        before = _dot_columns(new, new)
         for j in range(kept):
             if j != place:
                 _remove_component(s, j, new, image)
-        after = _product(new, new)
+        after = _dot_columns(new, new)
         if after > DEPENDENT * DEPENDENT * before:
             scale = 1.0 / np.sqrt(after)
             for a in range(k):
@@ -61,7 +61,7 @@ def accelerate(s: Any, h: float, known: int) -> int:
 
 @compile_inline
 def _set_weights(s: Any, h: float) -> None:
-    """Set the ``weights`` of changes: for rates of q, h / (1 + |q|); for others, h over the largest momentum."""
+    """Set the ``weights`` of the changes of all unknowns: h / (1 + |q|) for rates of q, else h / (largest momentum)."""
     n, moment = len(s.start[0]), 0.0
     for k in range(n):
         moment = max(moment, abs(s.start[1, k]))
@@ -74,9 +74,9 @@ def _set_weights(s: Any, h: float) -> None:
 
 @compile_inline
 def _remove_component(s: Any, j: int, change: Any, unknowns: Any) -> None:
-    """Remove the component of ``change`` along column j of ``basis``, and its counterpart from ``unknowns``."""
+    """Subtract from ``change`` its component along column j of ``basis``, and its counterpart from ``unknowns``."""
     q, u = s.basis[j], s.images[j]
-    along = _product(q, change)
+    along = _dot_columns(q, change)
     for a in range(len(change)):
         change[a] -= along * q[a]
     for a in range(len(unknowns)):
@@ -84,8 +84,8 @@ def _remove_component(s: Any, j: int, change: Any, unknowns: Any) -> None:
 
 
 @compile_inline
-def _product(x: Any, y: Any) -> float:
-    """Return the scalar product of x and y, as four independent sums."""
+def _dot_columns(x: Any, y: Any) -> float:
+    """Return the scalar product of x and y, by four independent sums, which a processor adds in parallel."""
     n = len(x) - len(x) % 4
     p = q = r = t = 0.0
     for a in range(0, n, 4):

@@ -4,7 +4,7 @@ from ....harness.mechanics.joint_tree import Tree
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.mechanics.types import Problem
-from ..recursion.evaluation import MOST_ROWS, TreeEvaluation, TreeMechanism, too_many_rows
+from ..recursion.evaluation import MOST_ROWS, TreeEvaluation, TreeMechanism, refuse_rows
 from ..recursion.phases import TreePhase
 from .code import CodeTooLarge, JointCode, make_code
 from .counting import build_tree, refuse_code
@@ -14,7 +14,7 @@ from .hamilton import HamiltonCode, make_hamilton_code
 
 
 def choose_code(problem: Problem, tree: Tree) -> JointCode | TreeMechanism:
-    """Return the code of a mechanism in its joints' coordinates, or the recursion over its bodies.
+    """Return code made for the mechanism, in the coordinates of its joints, or the recursion over its bodies.
 
     The recursion is chosen where code would be too large, and for user forces. Raises ValueError where neither is
     possible.
@@ -30,9 +30,10 @@ def choose_code(problem: Problem, tree: Tree) -> JointCode | TreeMechanism:
 def choose_phase(
     problem: Problem, tree: Tree, *, radial: bool
 ) -> tuple[JointCode | TreeMechanism, HamiltonCode | TreePhase]:
-    """Return the evaluation of a mechanism and that of its Hamilton's equations: both as code, or both as recursion.
+    """Return the accelerations and Hamilton's equations of a mechanism: both as code, or both by recursion.
 
-    ``radial`` includes the energy and the rows that keep quaternions at length one (module ``hamilton``).
+    The choice is that of ``choose_code``. ``radial`` includes the energy and the rows that keep quaternions at length
+    one (module ``hamilton``).
     """
     if refuse_code(problem) is None:
         try:
@@ -47,19 +48,20 @@ def choose_phase(
 def make_evaluation(
     made: JointCode | TreeMechanism, nq: int, chosen: EliminationOrder | None = None
 ) -> Evaluation | TreeEvaluation:
-    """Return the object with the arrays and programs that evaluate a mechanism; nothing is evaluated yet.
+    """Allocate and return the arrays and programs that evaluate a mechanism; nothing is evaluated yet.
 
-    Rows are eliminated in the order ``chosen``, or in that of the start; ``nq`` is the number of coordinates.
+    ``made`` is its code or recursion, ``nq`` the number of coordinates. Rows are eliminated in the order ``chosen``, by
+    default that of the start.
     """
     return made.make_evaluation(chosen) if isinstance(made, TreeMechanism) else Evaluation(made, nq, chosen)
 
 
 def refuse_loop_rows(problem: Problem) -> str | None:
-    """Return the refusal of a mechanism without code and with too many loop rows for the recursion, or None."""
+    """Return the refusal of a mechanism that gets no code and has more than ``MOST_ROWS`` loop rows, or None."""
     if refuse_code(problem) is None:
         return None
     rows = count_rows(problem.system, problem.initial)
-    return too_many_rows(rows) if rows > MOST_ROWS else None
+    return refuse_rows(rows) if rows > MOST_ROWS else None
 
 
 def count_rows(system: MultibodySystem, start: State) -> int:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ....harness.base import tableaux
 from ....harness.base.code_meter import making_code
 from ....harness.base.generated import Code
 from ....harness.base.generated.code import print_functions
@@ -83,15 +84,17 @@ class JointCode(NamedTuple):
 
 @making_code
 def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> JointCode:
-    """Return the code of a mechanism, loaded from disk or made, with the order of elimination at the start.
+    """Return the code of a mechanism, loaded from disk or made and stored, with its order of elimination.
 
-    If ``whole``, it has ``accelerate`` as one function, else ``solve_rows``. Raises ``CodeTooLarge``, a ValueError,
-    above ``MOST_OPERATIONS``, and ValueError where a velocity has no inertia, or where rows without phi depend on
-    others.
+    If ``whole``, it has ``accelerate`` as one function, else ``solve_rows``. The last ``MOST_LOADED`` codes stay
+    loaded. Raises ``CodeTooLarge``, a ValueError, above ``MOST_OPERATIONS``, and ValueError where a velocity has no
+    inertia, or where rows without phi depend on others.
     """
     equations = digest_mechanism(system, tree)
     key = f"{equations}\0{whole}"
-    made = _LOADED.pop(key, None) or _load(Code(lambda: _print(system, tree, equations, whole), key), whole)
+    made = _LOADED.pop(key, None) or _read_tables(
+        Code(lambda: _generate_ir(system, tree, equations, whole), key), whole
+    )
     _LOADED[key] = made
     if len(_LOADED) > MOST_LOADED:
         del _LOADED[next(iter(_LOADED))]
@@ -105,15 +108,15 @@ def make_code(system: MultibodySystem, tree: Tree, *, whole: bool = True) -> Joi
 
 
 def digest_mechanism(system: MultibodySystem, tree: Tree) -> str:
-    """Return the key of a mechanism's code on disk, from the generator's text and the numbers of system and tree."""
+    """Return the key of a mechanism's code on disk: digests of the generator's source and of system and tree."""
     return f"{digest_makers()}\0{_digest_generator()}\0{_digest(system, tree)}"
 
 
 ABOUT = "operations", "rows", "entries", "pairs", "variable", "ordered", "nu", "held"
 
 
-def _load(code: Code, whole: bool) -> JointCode:
-    """Return the code with its sizes and tables, which its functions ``about`` and ``pattern`` give."""
+def _read_tables(code: Code, whole: bool) -> JointCode:
+    """Return ``code`` with its sizes and tables, as its functions ``about`` and ``pattern`` state them."""
     numbers = np.zeros(len(ABOUT))
     code.function("about", 1)(numbers.ctypes.data)
     about = dict(zip(ABOUT, numbers.astype(int).tolist(), strict=True))
@@ -126,32 +129,34 @@ def _load(code: Code, whole: bool) -> JointCode:
 
 
 def refuse_size(operations: int) -> str:
-    """Return the refusal of a mechanism whose code takes at least so many ``operations`` an evaluation."""
+    """Return the refusal of a mechanism whose code needs at least ``operations`` per evaluation, which is too many."""
     return (
         f"writes code for the mechanism, up to {MOST_OPERATIONS} operations an evaluation (needs {operations} or "
         "more): use rkmk_dop853"
     )
 
 
-def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
-    """Return the IR of the mechanism's functions, and of ``about`` and ``pattern``, which give sizes and tables.
+def _generate_ir(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
+    """Return the LLVM IR of the mechanism's functions, and of ``about`` and ``pattern``, which state sizes and tables.
 
-    It contains the latter alone where the functions are too large; operations are -1 where inertia is missing.
+    Where the functions are too large it contains the latter alone; where inertia is missing the number of operations
+    is -1. With ``whole`` there are ``accelerate`` and ``measure``, and for small mechanisms ``step``.
     """
     import casadi as ca
 
     from ....harness.base.generated.functions import GeneratedFunction, record_function
     from .stages import write_step
 
-    def tell(operations: int, parts: "MechanismFunctions | None" = None) -> "dict[str, GeneratedFunction]":
+    def write_tables(operations: int, parts: "MechanismFunctions | None" = None) -> "dict[str, GeneratedFunction]":
+        """Return the functions ``about`` and ``pattern``; without ``parts`` all sizes are 0 and all tables empty."""
         about = (operations, *parts.sizes) if parts else (operations, *(0 for _ in ABOUT[1:]))
-        what = parts.tables if parts else [ca.SX(0, 1)] * 4
-        return {"about": GeneratedFunction([], [ca.vertcat(*about)]), "pattern": GeneratedFunction([], what)}
+        tables = parts.tables if parts else [ca.SX(0, 1)] * 4
+        return {"about": GeneratedFunction([], [ca.vertcat(*about)]), "pattern": GeneratedFunction([], tables)}
 
     try:
         parts = MechanismFunctions(system, tree, find_equations(system, tree, key))
     except NoInertia:
-        return print_functions(tell(-1))
+        return print_functions(write_tables(-1))
     functions = {name: parts.functions[name] for name in (*SHARED, "measure" if whole else "solve_rows")}
     if whole:
         functions["accelerate"] = parts.accelerate()
@@ -161,7 +166,7 @@ def _print(system: MultibodySystem, tree: Tree, key: str, whole: bool) -> str:
         functions["step"] = write_step(functions["accelerate"], functions["measure"])
     if operations > MOST_OPERATIONS:
         functions = {}
-    return print_functions({**functions, **tell(operations, parts)})
+    return print_functions({**functions, **write_tables(operations, parts)})
 
 
 class JointEquations(NamedTuple):
@@ -185,7 +190,7 @@ _FOUND: dict[str, JointEquations] = {}  # the last equations found
 
 
 def find_equations(system: MultibodySystem, tree: Tree, key: str) -> JointEquations:
-    """Return the equations of ``choose_equations`` for this ``key``; the last ones found are kept for the next call."""
+    """Return the equations of ``choose_equations``; the last ones are kept, and returned again for the same ``key``."""
     import casadi as ca
 
     if key not in _FOUND:
@@ -195,14 +200,17 @@ def find_equations(system: MultibodySystem, tree: Tree, key: str) -> JointEquati
 
 
 def choose_equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX") -> JointEquations:
-    """Return the equations of a tree with all or none of its balls opened, whichever has the shorter elimination."""
+    """Return the equations of a tree with all or none of its ball joints opened, whichever need fewer products."""
     balls = [limb.body for limb in tree.limbs if limb.ball and limb.parent != GROUND]
-    found = [write_equations(system, tree, t, y, way) for way in ([], balls)[: 1 + bool(balls)]]
+    found = [write_equations(system, tree, t, y, opened) for opened in ([], balls)[: 1 + bool(balls)]]
     return min(found, key=lambda equations: equations.order.products)
 
 
 def write_equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX", opened: list[int]) -> JointEquations:
-    """Return K of a tree with the balls of the bodies ``opened``, as expressions, and its order of elimination."""
+    """Return K of a tree as expressions in ``t`` and ``y``, its loop rows, and its order of elimination at the start.
+
+    The ball joints of the bodies ``opened`` are opened: three more velocities and three rows for each.
+    """
     from . import loops
     from .motion import TreeMotion
 
@@ -218,9 +226,9 @@ def write_equations(system: MultibodySystem, tree: Tree, t: "ca.SX", y: "ca.SX",
 
 
 def list_entries(found: JointEquations) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Return the places (row, column) of K's entries that depend on the motion, and of constant ones.
+    """Return the places of the entries of K that depend on the motion, and those of constant entries.
 
-    Each symmetric pair of entries is listed once.
+    A place is (column, row) with column <= row: each symmetric pair is listed once.
     """
     pairs = [(k, row) for k, column in found.K.items() for row in column if k <= row]
     constant = {(k, row) for k, row in pairs if found.K[k][row].is_constant()}
@@ -231,7 +239,7 @@ class MechanismFunctions:
     """The functions of a mechanism as expressions, from which its accelerations and its projection are composed."""
 
     def __init__(self, system: MultibodySystem, tree: Tree, found: JointEquations) -> None:
-        """Write the functions; constant entries of K and L stay constants."""
+        """Write the functions of the equations ``found`` as expressions; constant entries of K and L stay constants."""
         import casadi as ca
 
         from ....harness.base.generated import GeneratedFunction
@@ -273,10 +281,10 @@ class MechanismFunctions:
             ),
             "solve_rows": GeneratedFunction([L, b[nu:]], [lam_of_rows]),
             "measure": write_measure(tree),
-            "record": _record(system, tree, nr),
+            "record": _write_record(system, tree, nr),
         }
         step, q = ca.SX.sym("step", nu), ca.SX.sym("q", nq)
-        moved = _normalise(tree, motion.q + motion.q_dot(step) if rows else motion.q)
+        moved = _normalise_quaternions(tree, motion.q + motion.q_dot(step) if rows else motion.q)
         gaps_and_rates = [_join_column([row.phi for row in rows]), _join_column([row.rate for row in rows])]
         phi, rates = ca.Function("rows", [t, y], gaps_and_rates)(t, ca.vertcat(moved, u))
         still = [ca.SX(0)] * nu
@@ -308,7 +316,7 @@ class MechanismFunctions:
         from ....harness.base.generated import GeneratedFunction
 
         t, y = self._found.t, self._found.y
-        entries, factor, solve = (self._call(name) for name in ACCELERATION)
+        entries, factor, solve = (self._make_casadi_function(name) for name in ACCELERATION)
         K, b, q_dot = entries(t, y)
         L, ratio = factor(K)
         return GeneratedFunction([t, y], [ca.vertcat(q_dot, solve(L, b)[0]), ratio])
@@ -321,7 +329,7 @@ class MechanismFunctions:
 
         t, y = self._found.t, self._found.y
         entries, factor, solve, gaps, move, conclude = (
-            self._call(name) for name in (*ACCELERATION, "gaps", "move", "conclude")
+            self._make_casadi_function(name) for name in (*ACCELERATION, "gaps", "move", "conclude")
         )
         K, b, _ = entries(t, y)
         L, _ = factor(K)
@@ -330,18 +338,18 @@ class MechanismFunctions:
         after, q_dot = conclude(y, q, solve(L, slips)[0])
         return GeneratedFunction([t, y], [after, ca.vertcat(q_dot, u_dot), lam])
 
-    def _call(self, name: str) -> "ca.Function":
-        """Return function ``name`` as a CasADi function, to be called with expressions."""
+    def _make_casadi_function(self, name: str) -> "ca.Function":
+        """Return the function ``name`` of ``functions`` as a CasADi function, which can be called with expressions."""
         import casadi as ca
 
         function = self.functions[name]
         return ca.Function(name, list(function.inputs), [ca.densify(x) for x in function.outputs])
 
 
-def _record(system: MultibodySystem, tree: Tree, rows: int) -> "GeneratedFunction":
-    """Return the function ``record``: motion and reactions of all bodies and joints at (t, y, y_dot, lam).
+def _write_record(system: MultibodySystem, tree: Tree, rows: int) -> "GeneratedFunction":
+    """Return the function ``record``: (t, y, y_dot, lam) -> r, R, v, v_dot of all bodies, reactions of all joints.
 
-    ``rows`` is the number of loop rows, the length of lam.
+    ``rows`` is the number of loop rows, the length of lam. Results are in the system's frames and order.
     """
     import casadi as ca
 
@@ -380,7 +388,7 @@ def _record(system: MultibodySystem, tree: Tree, rows: int) -> "GeneratedFunctio
 def _evaluate_matrix(
     K: dict[int, dict[int, Any]], t: "ca.SX", y: "ca.SX", start: np.ndarray
 ) -> dict[int, dict[int, float]]:
-    """Return K with numbers for its expressions, at t = 0 and the coordinates and velocities ``start``."""
+    """Return the values of K, by columns, at t = 0 and the coordinates and velocities ``start``."""
     import casadi as ca
 
     places = [(k, row) for k, column in K.items() for row in column]
@@ -391,7 +399,7 @@ def _evaluate_matrix(
     return out
 
 
-def _normalise(tree: Tree, q: "ca.SX") -> "ca.SX":
+def _normalise_quaternions(tree: Tree, q: "ca.SX") -> "ca.SX":
     """Return the coordinates ``q`` with the quaternions of balls divided by their lengths."""
     import casadi as ca
 
@@ -409,7 +417,7 @@ def _split_column(x: "ca.SX") -> list[Any]:
 
 
 def _join_column(x: list[Any]) -> "ca.SX":
-    """Return a list of expressions as a dense CasADi column, also if it is empty."""
+    """Return the expressions ``x`` as a dense CasADi column, of size 0 if there are none."""
     import casadi as ca
 
     return ca.densify(ca.vertcat(*x)) if len(x) else ca.SX(0, 1)
@@ -433,5 +441,5 @@ def _digest_generator() -> str:
     """Return a digest of the modules that generate the code, so that code of another version is made again."""
     names = ("code", "elimination", "loops", "motion", "pivots", "stages")
     paths = [Path(__file__).with_name(f"{name}.py") for name in names]
-    paths += [Path(joint_tree.__file__), Path(fixed_order.__file__)]
+    paths += [Path(joint_tree.__file__), Path(fixed_order.__file__), Path(tableaux.__file__)]
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()

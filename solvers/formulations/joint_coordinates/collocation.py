@@ -41,11 +41,11 @@ class CollocationTableau(NamedTuple):
     b_row: Float[np.ndarray, " m"]
 
     def compute_estimate_weights(self) -> tuple[Float[np.ndarray, "d s ds"], Float[np.ndarray, "d n dm"]]:
-        """Return the weights of earlier steps' stages, and of their lam, that extrapolate those of the next step.
+        """Return two arrays of weights, by which stages and lam of earlier steps are extrapolated to the next step.
 
-        Index k - 1 of the first axis is for k earlier steps; lam of the last node is not estimated. For collocation,
-        one polynomial passes through the stages of the last two steps, and one through lam of the last step; else there
-        is one for each stage and node.
+        Index k - 1 of the first axis is for k earlier steps, up to ``DEPTH``; lam of the last node is not estimated.
+        For collocation, one polynomial passes through the stages of the last two steps, and one through lam of the last
+        step; else there is one for each stage and node.
         """
         s, m = len(self.c), len(self.nodes)
         stages, rows = np.zeros((DEPTH, s, DEPTH, s)), np.zeros((DEPTH, m - 1, DEPTH, m))
@@ -66,55 +66,63 @@ class CollocationTableau(NamedTuple):
     def invert_newton_matrix(self) -> Float[np.ndarray, "n n"]:
         """Return C^-1, by which Newton's method corrects lam of all nodes but the last.
 
-        C = a_node a_row without the first node (row) and the last node (column).
+        C is a_node a_row without its first row and last column: the derivative of q at the nodes by lam.
         """
         at, by = ([[Fraction(x) for x in row] for row in a.tolist()] for a in (self.a_node[1:], self.a_row[:, :-1]))
         C = [
             [sum((x * y for x, y in zip(row, column, strict=True)), ZERO) for column in zip(*by, strict=True)]
             for row in at
         ]
-        return _rounded(_solve(C, _unit(len(C))))
+        return _round_fractions(_solve(C, _make_identity(len(C))))
 
 
 @cache
 def make_gauss_lobatto_tableau(s: int) -> CollocationTableau:
-    """Return the tableau of Gauss collocation with s stages, and rows at Lobatto's s + 1 nodes (Jay 2007).
+    """Return the tableau of Gauss collocation with ``s`` stages, and rows at Lobatto's s + 1 nodes (Jay 2007).
 
-    Its order is 2 s.
+    Its order is 2 s. The result is kept for the next call.
     """
-    P = _legendre(s)
-    x = _roots(P[s])
-    slope = _derivative(P[s])
-    ends = [Fraction(-1), *_roots(slope), Fraction(1)]
-    b = [1 / ((1 - z * z) * _value(slope, z) ** 2) for z in x]
-    b_row = [1 / (s * (s + 1) * _value(P[s], z) ** 2) for z in ends]
+    P = _list_legendre(s)
+    x = _find_roots(P[s])
+    slope = _differentiate(P[s])
+    ends = [Fraction(-1), *_find_roots(slope), Fraction(1)]
+    b = [1 / ((1 - z * z) * _evaluate_polynomial(slope, z) ** 2) for z in x]
+    b_row = [1 / (s * (s + 1) * _evaluate_polynomial(P[s], z) ** 2) for z in ends]
 
-    def integrals(to: list[Fraction]) -> Exact:
-        """Return half the integrals, from -1 to each of ``to``, of Lagrange's polynomials on Gauss's nodes."""
+    def integrate_basis(to: list[Fraction]) -> Exact:
+        """Return half the integrals, from -1 to each point of ``to``, of the Lagrange polynomials on Gauss's nodes."""
         known = [
             [
-                sum((_value(_integral(P[k]), z) * (k + Fraction(1, 2)) * _value(P[k], node) for k in range(s)), ZERO)
+                sum(
+                    (
+                        _evaluate_polynomial(_integrate_polynomial(P[k]), z)
+                        * (k + Fraction(1, 2))
+                        * _evaluate_polynomial(P[k], node)
+                        for k in range(s)
+                    ),
+                    ZERO,
+                )
                 for node in x
             ]
             for z in to
         ]
-        return [[weight * share for weight, share in zip(row, b, strict=True)] for row in known]
+        return [[value * weight for value, weight in zip(row, b, strict=True)] for row in known]
 
-    a, a_node = integrals(x), integrals(ends)
+    a, a_node = integrate_basis(x), integrate_basis(ends)
     a_row = [[w * (1 - a_node[j][i] / b[i]) for j, w in enumerate(b_row)] for i in range(s)]
     c, nodes = ([(1 + z) / 2 for z in of] for of in (x, ends))
-    rounded = _rounded(a)
+    rounded = _round_fractions(a)
     return CollocationTableau(
         2 * s,
         True,
-        _rounded([c])[0],
+        _round_fractions([c])[0],
         rounded,
         rounded,
-        _rounded([b])[0],
-        _rounded([nodes])[0],
-        _rounded(a_node),
-        _rounded(a_row),
-        _rounded([b_row])[0],
+        _round_fractions([b])[0],
+        _round_fractions([nodes])[0],
+        _round_fractions(a_node),
+        _round_fractions(a_row),
+        _round_fractions([b_row])[0],
     )
 
 
@@ -131,13 +139,13 @@ def compute_extrapolation_weights(
 ) -> Float[np.ndarray, "n m"]:
     """Return weights (n, m) that convert values at the m points ``of`` to values at the n points ``to``.
 
-    They evaluate the polynomial of this ``degree`` that interpolates the values, or fits them by least squares.
+    They evaluate the polynomial of degree ``degree`` through the values; by least squares if there are more points.
     """
     V, W = ([[Fraction(x) ** k for k in range(degree + 1)] for x in points] for points in (of, to))
     columns = list(zip(*V, strict=True))
     normal = [[sum((x * y for x, y in zip(a, b, strict=True)), ZERO) for b in columns] for a in columns]
     fitted = _solve(normal, [list(column) for column in columns])  # coefficients as functions of values
-    return _rounded(
+    return _round_fractions(
         [
             [sum((w * row[k] for w, row in zip(powers, fitted, strict=True)), ZERO) for k in range(len(of))]
             for powers in W
@@ -149,20 +157,20 @@ Exact = list[list[Fraction]]
 ZERO = Fraction(0)
 
 
-def _rounded(rows: Exact) -> np.ndarray:
+def _round_fractions(rows: Exact) -> np.ndarray:
     """Return fractions as a read-only array of floats, each rounded once."""
     out = np.array([[float(x) for x in row] for row in rows])
     out.flags.writeable = False
     return out
 
 
-def _unit(n: int) -> Exact:
+def _make_identity(n: int) -> Exact:
     """Return the identity matrix of size n in fractions."""
     return [[Fraction(int(i == j)) for j in range(n)] for i in range(n)]
 
 
 def _solve(A: Exact, B: Exact) -> Exact:
-    """Return A^-1 B by elimination in fractions, where any nonzero pivot is exact."""
+    """Return A^-1 B by exact Gauss elimination in fractions; any nonzero pivot will do."""
     n = len(A)
     rows = [[*a, *b] for a, b in zip(A, B, strict=True)]
     for k in range(n):
@@ -175,8 +183,8 @@ def _solve(A: Exact, B: Exact) -> Exact:
     return [row[n:] for row in rows]
 
 
-def _legendre(s: int) -> list[list[Fraction]]:
-    """Return the coefficients of Legendre's polynomials up to degree s, lowest power first."""
+def _list_legendre(s: int) -> list[list[Fraction]]:
+    """Return the coefficients of Legendre's polynomials of degrees 0 to ``s``, each with the lowest power first."""
     P = [[Fraction(1)], [ZERO, Fraction(1)]]
     for k in range(1, s):
         up, low = [ZERO, *P[k]], [*P[k - 1], ZERO, ZERO]
@@ -184,7 +192,7 @@ def _legendre(s: int) -> list[list[Fraction]]:
     return P
 
 
-def _value(p: Sequence[Fraction], x: Fraction) -> Fraction:
+def _evaluate_polynomial(p: Sequence[Fraction], x: Fraction) -> Fraction:
     """Return the value at ``x`` of the polynomial with coefficients ``p``, lowest power first."""
     out = ZERO
     for a in reversed(p):
@@ -192,28 +200,28 @@ def _value(p: Sequence[Fraction], x: Fraction) -> Fraction:
     return out
 
 
-def _derivative(p: Sequence[Fraction]) -> list[Fraction]:
-    """Return the coefficients of the derivative of a polynomial, lowest power first."""
+def _differentiate(p: Sequence[Fraction]) -> list[Fraction]:
+    """Return the coefficients of the derivative of the polynomial ``p``, lowest power first."""
     return [k * a for k, a in enumerate(p)][1:]
 
 
-def _integral(p: Sequence[Fraction]) -> list[Fraction]:
-    """Return the coefficients of a polynomial's integral from -1, lowest power first."""
+def _integrate_polynomial(p: Sequence[Fraction]) -> list[Fraction]:
+    """Return the coefficients of the integral from -1 of the polynomial ``p``, lowest power first."""
     rest = [ZERO, *(a / (k + 1) for k, a in enumerate(p))]
-    return [-_value(rest, Fraction(-1)), *rest[1:]]
+    return [-_evaluate_polynomial(rest, Fraction(-1)), *rest[1:]]
 
 
-def _roots(p: Sequence[Fraction]) -> list[Fraction]:
-    """Return the roots of a polynomial in ascending order, to 2^-``BITS``; all are simple, real and in (-1, 1).
+def _find_roots(p: Sequence[Fraction]) -> list[Fraction]:
+    """Return the roots of the polynomial ``p`` in ascending order, to 2^-``BITS``, by Newton's method with deflation.
 
-    They are found by Newton's method with Maehly's deflation.
+    All roots have to be simple, real and in (-1, 1); found roots are divided out (Maehly).
     """
-    slope, found = _derivative(p), list[Fraction]()
+    slope, found = _differentiate(p), list[Fraction]()
     for _ in range(len(p) - 1):
         x, step = Fraction(1), Fraction(1)
         while abs(step) > Fraction(1, 2**BITS):
-            f = _value(p, x)
-            step = f / (_value(slope, x) - f * sum((1 / (x - z) for z in found), ZERO))
+            f = _evaluate_polynomial(p, x)
+            step = f / (_evaluate_polynomial(slope, x) - f * sum((1 / (x - z) for z in found), ZERO))
             x = Fraction(math.floor((x - step) * 2 ** (BITS + 8) + Fraction(1, 2)), 2 ** (BITS + 8))
         found.append(x)
     return found[::-1]

@@ -23,21 +23,22 @@ MOST_BODIES = 1000  # above it bodies alone are counted, at ``OF_A_BODY`` each
 
 
 def refuse_code(problem: Problem) -> str | None:
-    """Return why no code can be made of a problem's mechanism, as far as this is known beforehand, or None.
+    """Return why no code can be made for a problem's mechanism, or None as far as this is known beforehand.
 
-    Reasons: user forces, or too many operations.
+    Reasons: user forces, or a lower bound on the operations above ``MOST_OPERATIONS``.
     """
     if len(problem.system.user_i):
         return "writes out declared forces only, no user forces: use rkmk_dop853"
-    operations = least_operations(problem.system, problem.initial)
+    operations = estimate_least_operations(problem.system, problem.initial)
     return refuse_size(operations) if operations > MOST_OPERATIONS else None
 
 
 @remember_last
-def least_operations(system: MultibodySystem, start: State) -> int:
-    """Return a lower bound on the operations of an evaluation by code.
+def estimate_least_operations(system: MultibodySystem, start: State) -> int:
+    """Return a lower bound on the operations of one evaluation by code made for the mechanism.
 
-    It counts bodies, entries of H between spherical joints, and the elimination without opened spherical joints.
+    Counted are entries of H and spherical joints, or, for loops without spherical joints, bodies and products of the
+    elimination. Above ``MOST_BODIES`` bodies alone are counted.
     """
     if system.nb > MOST_BODIES:
         return OF_A_BODY * system.nb
@@ -48,15 +49,15 @@ def least_operations(system: MultibodySystem, start: State) -> int:
     if not tree.cuts or any(limb.ball and limb.parent != GROUND for limb in tree.limbs):
         return total
     try:
-        products = find_order(_matrix(system, tree, start), tree.nu).products
+        products = find_order(_assemble_matrix(system, tree, start), tree.nu).products
     except NoInertia:
         return total
     return OF_A_BODY * system.nb + OF_A_PRODUCT * products
 
 
-def _matrix(system: MultibodySystem, tree: Tree, start: State) -> Matrix:
-    """Return K = [[H, J^T], [J, 0]] of the tree and its loop rows in numbers at the start, by columns."""
-    T = _velocities(system, tree)
+def _assemble_matrix(system: MultibodySystem, tree: Tree, start: State) -> Matrix:
+    """Return K = [[H, J^T], [J, 0]] of the tree and its loop rows, with its values at the start, by columns."""
+    T = _compute_unit_velocities(system, tree)
     v, Omega = T[:, :3], T[:, 3:]
     H = np.einsum("b,bix,biy->xy", system.mass, v, v, optimize=True)
     H += np.einsum("bij,bix,bjy->xy", system.regular_inertia, Omega, Omega, optimize=True)
@@ -71,8 +72,8 @@ def _matrix(system: MultibodySystem, tree: Tree, start: State) -> Matrix:
     return K
 
 
-def _velocities(system: MultibodySystem, tree: Tree) -> Float[np.ndarray, "nb 6 nu"]:
-    """Return v in space and Omega of each body for a unit of each velocity of the tree."""
+def _compute_unit_velocities(system: MultibodySystem, tree: Tree) -> Float[np.ndarray, "nb 6 nu"]:
+    """Return v of C [space] and Omega [body] of each body for a unit of each velocity of the tree, at the start."""
     T, out = np.zeros((system.nb + 1, 6, tree.nu)), np.zeros((system.nb, 6, tree.nu))
     centre = np.zeros((system.nb + 1, 3))
     for limb in tree.limbs:

@@ -35,12 +35,12 @@ def find_order(
     sure: int = 0,
     size: Sequence[float] | None = None,
 ) -> EliminationOrder:
-    """Return an order of elimination of the numeric matrix K, with its pivots and its number of products.
+    """Return an order of elimination of the numeric matrix K that is safe and creates few nonzero entries.
 
     The first ``nu`` rows are those of H; ``predecessors`` lists the rows that each row must come after. The first
-    ``sure`` rows have safe pivots in such an order in every configuration. Pivots are compared with ``size``; without
-    it, with the rows of K, and then a row that vanishes here counts as safe. Rows without a pivot are left out. Raises
-    ``NoInertia`` where H is singular.
+    ``sure`` rows have safe pivots in such an order in every configuration. Pivots are compared with ``size``, by
+    default ``compute_pivot_sizes`` of K, by which a row that vanishes here counts as safe. Rows without a pivot are
+    left out. Raises ``NoInertia`` where H is singular.
     """
     size = compute_pivot_sizes(K, nu) if size is None else size
     K = {k: dict(column) for k, column in K.items()}
@@ -70,16 +70,16 @@ def find_order(
 
 
 def compute_pivot_sizes(K: Matrix, nu: int) -> list[float]:
-    """Return the size that each row's pivot is compared with: the diagonal of H, then that of J H^-1 J^T.
+    """Return the value with which each row's pivot is compared: the diagonal of H, then that of J H^-1 J^T.
 
-    The latter neglects the off-diagonal entries of H.
+    The latter neglects the off-diagonal entries of H, the first ``nu`` rows of K.
     """
     size = [K[k].get(k, 0.0) for k in range(nu)]
     return size + [sum(x * x / size[u] for u, x in K[k].items() if size[u] > 0.0) for k in range(nu, len(K))]
 
 
 def _count_fill(K: Matrix, k: int) -> int:
-    """Return the number of entries of K that the elimination of row ``k`` makes nonzero."""
+    """Return the fill-in of row ``k``: the number of zero entries of K that its elimination makes nonzero."""
     return sum(b not in K[a] for a in K[k] for b in K[k] if k not in (a, b))
 
 
@@ -99,6 +99,7 @@ class Factor:
     """L by columns and 1/D of K = L D L^T, as expressions."""
 
     def __init__(self, K: Matrix, order: Sequence[int]) -> None:
+        """Eliminate the rows and columns of K symbolically in this ``order``; rows that are not in it are left out."""
         place = {k: n for n, k in enumerate(order)}
         lower = {k: {row: x for row, x in K[k].items() if place.get(row, -1) >= place[k]} for k in order}
         self.order, self.L, self.inverse, self.pivots = list(order), {}, {}, []  # type: ignore[var-annotated]
@@ -114,11 +115,11 @@ class Factor:
                     lower[c][row] = lower[c].get(row, ca.SX(0)) - self.L[k][row] * column[c]
 
     def invert(self, k: int, pivot: Any) -> Any:
-        """Return 1/D of row ``k`` from its ``pivot``, an expression; subclasses may change it."""
+        """Return 1/D of row ``k`` from its ``pivot``, an expression; a subclass may set it to 0 for dependent rows."""
         return 1.0 / pivot
 
     def name_entries(self) -> ca.SX:
-        """Replace 1/D and L by symbols, and return these as a column; constants stay.
+        """Replace the expressions of 1/D and L by symbols, except constants, and return these symbols as a column.
 
         The expressions that they replace are stored in ``entries``.
         """
@@ -132,7 +133,10 @@ class Factor:
         return ca.densify(ca.vertcat(*names)) if names else ca.SX(0, 1)
 
     def solve(self, rhs: dict[int, ca.SX]) -> dict[int, ca.SX]:
-        """Return the solution x of K x = rhs, as expressions; rows that were left out are not in it."""
+        """Return the solution x of K x = ``rhs`` as expressions by row; rows left out of the elimination are missing.
+
+        Rows that ``rhs`` does not contain are zero.
+        """
         x = {k: rhs.get(k, ca.SX(0)) for k in self.order}
         for k in self.order:
             for row, entry in self.L[k].items():

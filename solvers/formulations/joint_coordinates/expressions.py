@@ -8,15 +8,16 @@ from .counting import refuse_code
 
 
 def digest_equations(system: MultibodySystem, tree: Tree) -> str:
-    """Return the key of a mechanism's equations; raise ValueError as ``make_code`` does."""
+    """Return the digest of a mechanism's equations; make its code, and raise ValueError as ``make_code`` does."""
     make_code(system, tree)
     return digest_mechanism(system, tree)
 
 
 def write_expressions(system: MultibodySystem, tree: Tree) -> JointExpressions:
-    """Return the expressions of a mechanism; raise ValueError as ``make_code`` does.
+    """Return rates, poses, inertia H and rows of a mechanism as CasADi expressions in t and y.
 
-    The motion is that of the code: with all or none of its spherical joints opened. H and the rows are those without.
+    Accelerations are those of the code, in which all or none of the spherical joints are opened; H and the rows are
+    those without opened joints. Raises ValueError as ``make_code`` does.
     """
     import casadi as ca
 

@@ -40,7 +40,7 @@ from .code import (
     CodeTooLarge,
     _evaluate_matrix,
     _join_column,
-    _normalise,
+    _normalise_quaternions,
     _split_column,
     digest_mechanism,
     find_equations,
@@ -78,7 +78,7 @@ class HamiltonCode(NamedTuple):
 
 @making_code
 def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = False) -> HamiltonCode:
-    """Return the code of Hamilton's equations, loaded from disk or made.
+    """Return the code of Hamilton's equations of a mechanism, loaded from disk or made and stored.
 
     ``radial`` includes the energy and the rows that keep quaternions at length one. Raises ``CodeTooLarge``, a
     ValueError, above ``MOST_OPERATIONS``.
@@ -86,7 +86,7 @@ def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = Fa
     files = [Path(__file__), Path(__file__).with_name("spins.py")]
     text = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
     equations = digest_mechanism(system, tree)
-    code = Code(lambda: _print(system, tree, equations, radial), f"{equations}\0{text}\0{radial}")
+    code = Code(lambda: _generate_ir(system, tree, equations, radial), f"{equations}\0{text}\0{radial}")
     about = np.zeros(3)
     code.function("about", 1)(about.ctypes.data)
     rows, spins, operations = (int(x) for x in about)
@@ -95,23 +95,23 @@ def make_hamilton_code(system: MultibodySystem, tree: Tree, *, radial: bool = Fa
     return HamiltonCode(code, rows, spins, operations)
 
 
-def _print(system: MultibodySystem, tree: Tree, equations: str, radial: bool) -> str:
-    """Return the IR of the functions, and of ``about``, their sizes; of that alone where they are too large."""
+def _generate_ir(system: MultibodySystem, tree: Tree, equations: str, radial: bool) -> str:
+    """Return the LLVM IR of the functions and of ``about``, which states their sizes; of that alone if too large."""
     import casadi as ca
 
     from ....harness.base.generated.functions import GeneratedFunction, record_function
 
-    functions, rows, spins = _functions(system, tree, find_equations(system, tree, equations), radial)
+    functions, rows, spins = _write_functions(system, tree, find_equations(system, tree, equations), radial)
     operations = len(record_function(functions["stage"]).tape.operations)
     if operations > MOST_OPERATIONS:
         functions = {}
     return print_functions({**functions, "about": GeneratedFunction([], [ca.vertcat(rows, spins, operations)])})
 
 
-def _functions(
+def _write_functions(
     system: MultibodySystem, tree: Tree, found: "JointEquations", radial: bool
 ) -> "tuple[dict[str, GeneratedFunction], int, int]":
-    """Return the functions listed in the module as expressions, the number of rows, and that of free spins."""
+    """Return the functions of the module's docstring by name as expressions, the number of rows, and of free spins."""
     import casadi as ca
 
     from ....harness.base.generated import GeneratedFunction
@@ -133,9 +133,9 @@ def _functions(
     of_tree = Factor(H, order_rows({k: dict(column) for k, column in at_start.items()}, nu, found.held).rows)
 
     moving, resting = (TreeMotion(system, tree, t, ca.vertcat(x, w)) for w in (u, ca.SX.zeros(nu)))
-    energy = _kinetic_energy(moving)
+    energy = _express_kinetic_energy(moving)
     whole_energy = sum((spin.added_energy(moving) for spin in spins), energy)
-    forces = _project_momenta(tree, x, ca.gradient(whole_energy, y)[:nq]) - _loads(moving, resting)
+    forces = _project_momenta(tree, x, ca.gradient(whole_energy, y)[:nq]) - _express_loads(moving, resting)
     phi, lam = _join_column([row.phi for row in rows]), ca.SX.sym("lam", len(rows) + (len(balls) if radial else 0))
     gradient = ca.gradient(ca.dot(phi, lam[: len(rows)]), y)[:nq] if rows else ca.SX.zeros(nq)
     moved = of_tree.solve({k: pi[k] for k in range(nu)})
@@ -144,27 +144,27 @@ def _functions(
         spin.add_turn(q_held, u_held, found.motion, pi)
 
     def express(outputs: Sequence[ca.SX], velocities: ca.SX, momenta: ca.SX) -> list[ca.SX]:
-        """Return ``outputs`` as expressions at the normalised quaternions of ``q``, velocities and momenta."""
+        """Return ``outputs`` as expressions of ``q``, with unit quaternions, and of these velocities and momenta."""
         values = ca.Function("expressed", [t, y, pi, lam], list(outputs))
-        out = values(t, ca.vertcat(_normalise(tree, q), velocities), momenta, lam)
+        out = values(t, ca.vertcat(_normalise_quaternions(tree, q), velocities), momenta, lam)
         return list(out) if isinstance(out, tuple) else [out]
 
-    rest, lowered, own_u = ca.SX.zeros(nu), _project_momenta(tree, q, p), ca.SX.sym("u", nu)
+    rest, lowered, given_u = ca.SX.zeros(nu), _project_momenta(tree, q, p), ca.SX.sym("u", nu)
     (velocities,) = express([_join_column([moved[k] for k in range(nu)])], rest, lowered)
     (forces,) = express([forces], velocities, lowered)
     phi, gradient, slips = express(
         [phi, _project_momenta(tree, x, gradient), _join_column([-row.rate for row in rows])], rest, lowered
     )
-    (held,) = express([ca.vertcat(q_held, u_held)], own_u, lowered)
+    (held,) = express([ca.vertcat(q_held, u_held)], given_u, lowered)
     q_dot, p_dot = (
-        _coordinate_rates(tree, q, velocities),
-        _lift_momenta(tree, q, forces) + _coordinate_rates(tree, p, velocities, slides=0.0),
+        _express_coordinate_rates(tree, q, velocities),
+        _lift_momenta(tree, q, forces) + _express_coordinate_rates(tree, p, velocities, slides=0.0),
     )
     push, mu = _lift_momenta(tree, q, gradient), -lam[: len(rows)]
     softened = ca.SX.sym("phi", len(balls) if radial else 0)
     soft = []
     for n, limb in enumerate(balls if radial else []):
-        alpha, own = _softness(limb, at_start), _quaternion(limb)
+        alpha, own = _compute_softness(limb, at_start), _slice_quaternion(limb)
         along = ca.dot(q[own], p[own])
         q_dot[own] += alpha * along * q[own]
         p_dot[own] -= alpha * along * p[own]
@@ -177,8 +177,10 @@ def _functions(
         "enter": GeneratedFunction([y], [_lift_momenta(tree, x, ca.gradient(energy, y)[nq:])]),
         "gaps": GeneratedFunction([t, q], [phi]),
         "push": GeneratedFunction([t, q, lam], [push]),
-        "pose": GeneratedFunction([t, q, p], [ca.vertcat(_normalise(tree, q), rest), ca.vertcat(lowered, slips)]),
-        "close": GeneratedFunction([t, q, p, own_u, lam[: len(rows)]], [held, mu]),
+        "pose": GeneratedFunction(
+            [t, q, p], [ca.vertcat(_normalise_quaternions(tree, q), rest), ca.vertcat(lowered, slips)]
+        ),
+        "close": GeneratedFunction([t, q, p, given_u, lam[: len(rows)]], [held, mu]),
         "soften": GeneratedFunction([softened], [_join_column(soft)]),
     }
     if spins:
@@ -192,8 +194,8 @@ def _functions(
     return functions, lam.numel(), len(spins)
 
 
-def _kinetic_energy(motion: "TreeMotion") -> "ca.SX":
-    """Return the kinetic energy [J] of all bodies of a motion, without added inertia."""
+def _express_kinetic_energy(motion: "TreeMotion") -> "ca.SX":
+    """Return the kinetic energy [J] of all bodies of a motion as an expression, without added inertia of spins."""
     import casadi as ca
 
     T = ca.SX(0)
@@ -205,16 +207,16 @@ def _kinetic_energy(motion: "TreeMotion") -> "ca.SX":
     return T
 
 
-def _loads(moving: "TreeMotion", resting: "TreeMotion") -> "ca.SX":
-    """Return minus the generalised forces of weights and applied forces along the velocities.
+def _express_loads(moving: "TreeMotion", resting: "TreeMotion") -> "ca.SX":
+    """Return minus the generalised forces of weights and applied forces, along the tree's velocities.
 
-    ``moving`` has the velocities on which the forces depend; ``resting``, at rest, excludes inertial loads.
+    ``moving`` has the velocities on which forces depend; ``resting``, the same pose at rest, adds no inertial forces.
     """
     return resting.compute_generalised_forces(resting.compute_carried_loads(moving.compute_applied_forces()))
 
 
-def _quaternion(limb: Limb) -> slice:
-    """Return the slice of a ball's quaternion among the coordinates."""
+def _slice_quaternion(limb: Limb) -> slice:
+    """Return the slice of the quaternion of a limb's ball joint among the coordinates."""
     return slice(limb.q_at + len(limb.slides), limb.q_at + limb.sizes[0])
 
 
@@ -224,17 +226,17 @@ def _split_velocities(limb: Limb, u: "ca.SX") -> "tuple[ca.SX, ca.SX]":
     return u[limb.u_at : limb.u_at + ns, 0], u[limb.u_at + ns : limb.u_at + limb.sizes[1], 0]  # columns, even if empty
 
 
-def _coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -> "ca.SX":
-    """Return the rates of coordinates at ``q`` and velocities ``u``; with ``slides`` = 0, only those of quaternions."""
+def _express_coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -> "ca.SX":
+    """Return q_dot at coordinates ``q`` and velocities ``u``; with ``slides`` = 0, only the rates of quaternions."""
     import casadi as ca
 
     out = ca.SX.zeros(tree.nq)
     for limb in tree.limbs:
         along, omega = _split_velocities(limb, u)
         if limb.ball:
-            own, ns = q[_quaternion(limb)], len(limb.slides)
+            own, ns = q[_slice_quaternion(limb)], len(limb.slides)
             s, v = own[0], own[1:]
-            out[_quaternion(limb)] = 0.5 * ca.vertcat(-ca.dot(omega, v), s * omega + ca.cross(omega, v))
+            out[_slice_quaternion(limb)] = 0.5 * ca.vertcat(-ca.dot(omega, v), s * omega + ca.cross(omega, v))
             out[limb.q_at : limb.q_at + ns] = slides * along
         else:
             out[limb.q_at : limb.q_at + limb.sizes[0]] = slides * ca.vertcat(along, omega)
@@ -242,35 +244,35 @@ def _coordinate_rates(tree: Tree, q: "ca.SX", u: "ca.SX", slides: float = 1.0) -
 
 
 def _project_momenta(tree: Tree, q: "ca.SX", p: "ca.SX") -> "ca.SX":
-    """Return the momenta pi, conjugate to velocities, of momenta ``p``: both have the same power along any motion."""
+    """Return the momenta pi, conjugate to velocities, from ``p``, conjugate to coordinates: pi . u = p . q_dot."""
     import casadi as ca
 
     out = ca.SX.zeros(tree.nu)
     for limb in tree.limbs:
         own, n = p[limb.q_at : limb.q_at + limb.sizes[0]], len(limb.slides)
         if limb.ball:
-            x, y = q[_quaternion(limb)], own[n:]
+            x, y = q[_slice_quaternion(limb)], own[n:]
             own = ca.vertcat(own[:n], 0.5 * (x[0] * y[1:] - y[0] * x[1:] + ca.cross(x[1:], y[1:])))
         out[limb.u_at : limb.u_at + limb.sizes[1]] = own
     return out
 
 
 def _lift_momenta(tree: Tree, q: "ca.SX", pi: "ca.SX") -> "ca.SX":
-    """Return the momenta p, conjugate to coordinates, of ``pi``; a ball's are normal to its quaternion."""
+    """Return the momenta p, conjugate to coordinates, from ``pi``; a ball joint's are normal to its quaternion."""
     import casadi as ca
 
-    out = _coordinate_rates(tree, q, pi)
+    out = _express_coordinate_rates(tree, q, pi)
     for limb in tree.limbs:
         if limb.ball:
-            x = q[_quaternion(limb)]
-            out[_quaternion(limb)] = out[_quaternion(limb)] * (4.0 / ca.dot(x, x))
+            x = q[_slice_quaternion(limb)]
+            out[_slice_quaternion(limb)] = out[_slice_quaternion(limb)] * (4.0 / ca.dot(x, x))
     return out
 
 
-def _softness(limb: Limb, H: dict[int, dict[int, float]]) -> float:
-    """Return alpha of a ball's radial energy, from its inertia in ``H`` at the start.
+def _compute_softness(limb: Limb, H: dict[int, dict[int, float]]) -> float:
+    """Return alpha of a ball joint's radial energy alpha (x . y)^2 / 2: 1 / (4 I), with I its mean inertia in ``H``.
 
-    A quaternion of a body with that inertia I about all axes has inertia 4 I along x.
+    The quaternion of a body with the inertia I about all axes has the inertia 4 I. ``H`` is that at the start.
     """
     at = limb.u_at + len(limb.slides)
     return 0.25 / float(np.mean([H[k][k] for k in range(at, at + 3)]))

@@ -76,13 +76,16 @@ class Stages(NamedTuple):
 
 
 def step(s: Any) -> None:
-    """Evaluate the stages of a step of ``control.h`` and its error; project it if the error is small enough."""
+    """Evaluate the stages of a step of ``control.h`` and its error; project its end if the error is small enough.
+
+    ``s`` is a ``Stages``; its ``control.error`` is set, which rejects the step above 1.
+    """
     if not _is_stuck(s):
-        _complete_step(s, _evaluate_step(s, 1, _slope))  # the first slope is known from the step before
+        _complete_step(s, _evaluate_step(s, 1, _evaluate_slope))  # the first slope is known from the step before
 
 
 def step_at_once(s: Any) -> None:
-    """Take a step like ``step``, by code that has all stages in one function."""
+    """Take a step like ``step``, by code of the mechanism that has all stages in one function."""
     c = s.control
     if _is_stuck(s):
         return
@@ -93,10 +96,10 @@ def step_at_once(s: Any) -> None:
 
 
 def finish(s: Any) -> None:
-    """Continue from the projected state of an accepted step, and compute what is recorded of it.
+    """Begin the next step at the projected end of an accepted one, and compute its record: poses, rates, reactions.
 
     The accelerations before the projection are the next step's first slope, except near a singular position, where they
-    are evaluated again.
+    are evaluated again. After a passage the next step has the length that was tried first.
     """
     c = s.control
     c.factorisations = c.evaluations
@@ -125,18 +128,18 @@ def _is_stuck(s: Any) -> bool:
 
 @compile_inline
 def _evaluate_step(s: Any, first: int, slope: Any) -> float:
-    """Evaluate the stages from ``first`` on by ``slope``, and the error; return the least pivot."""
+    """Evaluate the stages from index ``first`` on by the function ``slope``, and the error; return the least pivot."""
     s.tries[3] = 1.0
-    evaluate_stages(s, s, s.control.t, s.control.h, first, _combine, slope)
-    _add_errors(s)
+    evaluate_stages(s, s, s.control.t, s.control.h, first, _combine_slopes, slope)
+    _estimate_errors(s)
     s.given[1], s.given[2] = s.control.h, s.control.rtol
     run(s.measure)
     return s.tries[3]
 
 
 @compile_inline
-def _slope(s: Any, t: float, i: int) -> None:
-    """Evaluate slope ``i`` of the state ``y`` at ``t`` [s], and the least pivot so far."""
+def _evaluate_slope(s: Any, t: float, i: int) -> None:
+    """Set slope ``i`` to y_dot at the state ``y`` and ``t`` [s], and ``tries[3]`` to the least pivot so far."""
     s.given[0] = t
     run(s.accelerate)
     s.control.evaluations += 1
@@ -145,26 +148,26 @@ def _slope(s: Any, t: float, i: int) -> None:
 
 
 @compile_inline
-def _slope_on_loops(s: Any, t: float, i: int) -> None:
-    """Evaluate slope ``i`` like ``_slope``, after two projections of the state onto the loops."""
+def _evaluate_slope_on_loops(s: Any, t: float, i: int) -> None:
+    """Set slope ``i`` as ``_evaluate_slope`` does, after two projections of the state ``y`` onto the loops."""
     s.given[0] = t
     for _ in range(2):
         run(s.finish)
         copy(s.after, s.y)
         s.control.evaluations += 1
-    _slope(s, t, i)
+    _evaluate_slope(s, t, i)
 
 
 @compile_inline
 def _complete_step(s: Any, least: float) -> None:
-    """Project a step whose error is small enough, and set ``control.error``.
+    """Project the end of a step whose error is small enough, and set ``control.error``.
 
-    ``least`` is the least pivot of its stages. Near a singular position the step is evaluated again, and the next
-    length to try is set.
+    ``least`` is the least pivot of its stages. Near a singular position a step whose error is too large is evaluated
+    again with projected stages; if that fails, too, the next of ``TRIALS`` is set as its length.
     """
     c = s.control
     if not least > s.limits[3] and not s.error[0] <= 1.0:
-        least = _evaluate_step(s, 0, _slope_on_loops)
+        least = _evaluate_step(s, 0, _evaluate_slope_on_loops)
     c.error = s.error[0]
     near = not least > s.limits[0]
     s.guard[0], s.guard[1] = least, 0.0
@@ -185,8 +188,8 @@ def _complete_step(s: Any, least: float) -> None:
 
 
 @compile_inline
-def _combine(s: Any, weights: Any, n: int, h: float) -> None:
-    """Set y = start + h sum weights slopes, over the first ``n`` slopes."""
+def _combine_slopes(s: Any, weights: Any, n: int, h: float) -> None:
+    """Set y to start + h times the sum of ``weights`` times slopes, over the first ``n`` slopes."""
     copy(s.start, s.y)
     for i in range(n):
         w = h * weights[i]
@@ -197,8 +200,8 @@ def _combine(s: Any, weights: Any, n: int, h: float) -> None:
 
 
 @compile_inline
-def _add_errors(s: Any) -> None:
-    """Set ``s.sums`` to both estimates of the step's error, divided by h."""
+def _estimate_errors(s: Any) -> None:
+    """Set ``s.sums`` to both estimates of the step's error in y, divided by h."""
     for e in range(2):
         total = s.sums[e]
         for k in range(len(total)):
@@ -278,7 +281,7 @@ class PairMarcher(JointMarcher):
         return PairMarcher(self.problem, self.state, self, order)
 
     def continue_without_pivots(self) -> tuple[kernel.Marcher, str]:
-        """Return the march from the present state to the end by the kernel of ``rkmk_dop853``, and a note on it."""
+        """Return a march by the kernel of ``rkmk_dop853`` from the present state to the end, and a note on that."""
         t, k = float(self.state["t"]), self.kernel
         note = f"{self.explain(STUCK)} at t = {t:g} s; from there on by the kernel of rkmk_dop853"
         here = State(k.r.copy(), k.R.copy(), k.v[:, :3].copy(), k.v[:, 3:].copy(), t)
@@ -296,7 +299,7 @@ METHOD = Method(
 
 
 def integrate(problem: Problem, control: StepControl) -> Trajectory:
-    """Integrate in joint coordinates to the end, a limit or a failure, and return the trajectory with its status."""
+    """Integrate by DOP853 in joint coordinates to the end, a limit or a failure, and return the trajectory."""
     state = make_control(
         t_end=problem.t_end,
         adaptive=True,

@@ -58,18 +58,27 @@ class TreeMotion:
         u_dot: ca.SX | None = None,
         opened: Sequence[int] = (),
     ) -> None:
+        """Express the motion of all bodies symbolically, by recursion from the ground outward.
+
+        ``t`` is the time [s]; ``y`` stacks the tree's coordinates q and velocities u. ``u_dot`` are the rates of u,
+        zero by default. ``opened`` are the bodies whose balls are opened (see the class).
+        """
         self.system, self.tree, self.t, self.opened = system, tree, t, opened
         self.q, self.u = y[: tree.nq], y[tree.nq :]
         self._u_dot = u_dot if u_dot is not None else ca.SX.zeros(tree.nu)
-        self.limb = {limb.body: limb for limb in tree.limbs}
+        self.limb = {limb.body: limb for limb in tree.limbs}  # by body, with the joint to its parent
+        # all that follow are by body, in the base frame
+        # rotation from the body's frame, angular velocity and acceleration, and W as in the module's equations
         self.R, self.omega, self.alpha, self.W = ({GROUND: x} for x in (ca.SX.eye(3), ZERO, ZERO, ca.SX.zeros(3, 3)))
+        # position, velocity and acceleration of the body's point P
         self.P, self.v, self.a = ({GROUND: ZERO} for _ in range(3))
+        # directions in which the velocities move it, the vector from its parent's P to P, h = m (C - P), and C - P
         self.axes, self.arm, self.h, self.centre = {}, {}, {}, {GROUND: ZERO}  # type: ignore[var-annotated]
         for limb in tree.limbs:
             self._move(limb)
 
     def _move(self, limb: Limb) -> None:
-        """Compute pose, velocity and acceleration of a limb's body from those of its parent."""
+        """Set pose, velocity, acceleration and axes of a limb's body from the motion of its parent."""
         b, p, ns = limb.body, limb.parent, len(limb.slides)
         R, omega, alpha = self.R[p], self.omega[p], self.alpha[p]
         q = [self.q[limb.q_at + k] for k in range(limb.sizes[0])]
@@ -97,17 +106,20 @@ class TreeMotion:
         self.h[b] = self.system.mass[b] * self.centre[b]
 
     def q_dot(self, u: ca.SX) -> ca.SX:
-        """Return the rates of the coordinates at velocities ``u``."""
+        """Return the rates q_dot of the coordinates at velocities ``u``."""
         return coordinate_rates(self.tree, self.q, u)
 
     def assemble_inertia(self) -> dict[int, dict[int, ca.SX]]:
-        """Return the mass matrix H of the tree's velocities by columns {row: entry}, both halves, zeros omitted."""
+        """Return the mass matrix H by columns {row: entry}, both halves, zeros omitted, by composite bodies.
+
+        Velocities that opened balls free come after those of the tree.
+        """
         H: dict[int, dict[int, ca.SX]] = {k: {} for k in range(self.tree.nu + 3 * len(self.opened))}
         m, h, inertia = dict(enumerate(self.system.mass.tolist())), dict(self.h), dict(self.compute_body_inertias())
         for limb in reversed(self.tree.limbs):
             b, p, L = limb.body, limb.parent, self.arm[limb.body]
-            for k, (f, n) in self._momenta(limb, m[b], h[b], inertia[b]):
-                for row, entry in self.along(b, Wrench(f, n)):
+            for k, (f, n) in self._list_momenta(limb, m[b], h[b], inertia[b]):
+                for row, entry in self.project_load(b, Wrench(f, n)):
                     if not entry.is_zero():
                         H[k][row] = H[row][k] = entry
             if p != GROUND and b not in self.opened:
@@ -125,14 +137,14 @@ class TreeMotion:
             b, c, F = limb.body, limb.centre, self.tree.frames[limb.body]
             about_c = product(product(F, self.system.regular_inertia[b]), F.T)
             J = remove_rounding(about_c + self.system.mass[b] * (dot(c, c) * np.eye(3) - np.outer(c, c)))
-            out[b] = _symmetric(self.R[b] @ ca.SX(ca.DM(0.5 * (J + J.T))), self.R[b])
+            out[b] = _rotate_inertia(self.R[b] @ ca.SX(ca.DM(0.5 * (J + J.T))), self.R[b])
         return out
 
-    def _momenta(self, limb: Limb, m: float, h: ca.SX, inertia: ca.SX) -> list[tuple[int, Wrench]]:
-        """Return (number, momentum) of each velocity of a limb.
+    def _list_momenta(self, limb: Limb, m: float, h: ca.SX, inertia: ca.SX) -> list[tuple[int, Wrench]]:
+        """Return (index, momentum) for each velocity of a limb: the momentum about P at a unit of the velocity.
 
-        It is the momentum of the bodies outboard of the limb at a unit of the velocity. ``m``, ``h`` and ``inertia``
-        are mass, first moment and inertia of these bodies about P.
+        It is that of the limb and all bodies outboard, of which ``m``, ``h`` and ``inertia`` are mass, first moment and
+        inertia about P.
         """
         slides = [Wrench(m * w, ca.cross(h, w)) for w in self.axes[limb.body].slides]
         turns = [Wrench(ca.cross(s, h), inertia @ s) for s in self.axes[limb.body].turns]
@@ -140,14 +152,14 @@ class TreeMotion:
         return [*enumerate([*slides, *turns], limb.u_at), *free]
 
     def list_freed_directions(self, b: int) -> list[tuple[int, ca.SX]]:
-        """Return (number, direction) of the velocities that an opened ball of body ``b`` frees; else an empty list."""
+        """Return (index, direction) of the three velocities that an opened ball of ``b`` frees; empty if not opened."""
         if b not in self.opened:
             return []
         at = self.tree.nu + 3 * self.opened.index(b)
         return [(at + k, ca.SX(ca.DM(e))) for k, e in enumerate(np.eye(3))]
 
-    def along(self, b: int, load: Wrench, until: int = GROUND) -> list[tuple[int, ca.SX]]:
-        """Return (number of a velocity, power of ``load`` on body ``b`` at a unit of it), from b inward.
+    def project_load(self, b: int, load: Wrench, until: int = GROUND) -> list[tuple[int, ca.SX]]:
+        """Return (index of velocity, generalised force of ``load`` on body ``b``) for the velocities from b inward.
 
         ``load`` is about the P of b. The list ends before body ``until``, or at an opened ball with the velocities that
         this frees.
@@ -163,7 +175,7 @@ class TreeMotion:
         return out
 
     def transmit_load(self, b: int, load: Wrench) -> Wrench:
-        """Return the wrench that the joint of body ``b`` transmits of a load on it, about the P of its parent.
+        """Return the part of a ``load`` on body ``b`` that its joint transmits to the parent, about the parent's P.
 
         A ball transmits no moment.
         """
@@ -171,7 +183,10 @@ class TreeMotion:
         return Wrench(load.f, n if self.limb[b].ball else n + load.n)
 
     def compute_carried_loads(self, loads: dict[int, Wrench]) -> dict[int, Wrench]:
-        """Return the wrench that each body's joint carries, so that the bodies have this motion under ``loads``."""
+        """Return the wrench that each body's joint carries, about its P, for this motion under ``loads`` and gravity.
+
+        This is the inward sweep of the recursive Newton-Euler algorithm.
+        """
         out, inertias = {}, self.compute_body_inertias()
         for b in self.limb:
             m, h, omega, fall = self.system.mass[b], self.h[b], self.omega[b], self.a[b] - self._gravity()
@@ -186,7 +201,7 @@ class TreeMotion:
         return out
 
     def compute_generalised_forces(self, carried: dict[int, Wrench]) -> ca.SX:
-        """Return the generalised forces of the ``carried`` wrenches, their components along the velocities."""
+        """Return the generalised forces (nu,): the components of the ``carried`` wrenches along the limbs' axes."""
         out = []
         for limb in self.tree.limbs:
             axes, (f, n) = self.axes[limb.body], carried[limb.body]
@@ -198,15 +213,15 @@ class TreeMotion:
         return ca.SX(ca.DM(remove_rounding(apply(self.tree.base, self.system.gravity))))
 
     def compute_applied_forces(self) -> dict[int, Wrench]:
-        """Return the wrench of all declared forces on each body, about its P; weight is not among them."""
+        """Return the wrench of all declared forces on each body, about its P, without its weight."""
         out = {b: Wrench(ZERO, ZERO) for b in self.limb}
         s = self.system
         for kind, declared in forces.DECLARED.items():
             for k, numbers in enumerate(list_force_parameters(s, kind)):
                 i = int(getattr(s, f"{kind}_i")[k])
                 j = int(getattr(s, f"{kind}_j")[k]) if declared.pair else GROUND
-                poses = self._pose(i), self._pose(j)
-                push = declared.push(*poses, self._force_numbers(kind, numbers, (i, j)))
+                poses = self._make_pose(i), self._make_pose(j)
+                push = declared.push(*poses, self._collect_parameters(kind, numbers, (i, j)))
                 force, torque, point = (ca.vertcat(*[_unwrap_symbol(x) for x in part]) for part in push)
                 for b, sign in ((i, 1.0), (j, -1.0)):
                     if b != GROUND:
@@ -214,10 +229,10 @@ class TreeMotion:
                         out[b] = Wrench(out[b].f + sign * force, out[b].n + sign * moment)
         return out
 
-    def _force_numbers(self, kind: str, numbers: np.ndarray, ends: tuple[int, int]) -> SimpleNamespace:
-        """Return a force's numbers by name as symbols, with vectors in the frames of the tree.
+    def _collect_parameters(self, kind: str, numbers: np.ndarray, ends: tuple[int, int]) -> SimpleNamespace:
+        """Return the parameters of a force by name as ``Symbol``, with vectors transformed to the frames of the tree.
 
-        ``ends`` are the bodies i and j of the force, ``numbers`` those of its declaration.
+        ``numbers`` are the parameters one after the other, ``ends`` the bodies i and j of the force.
         """
         parts: dict[str, Any] = {}
         at, declared = 0, forces.DECLARED[kind]
@@ -236,11 +251,11 @@ class TreeMotion:
         return SimpleNamespace(**parts)
 
     def frame(self, b: int) -> np.ndarray:
-        """Return the rotation from body ``b``, or from space for the ground, to the base frame at the start."""
+        """Return the rotation matrix from the frame of ``b``, space for the ground, to the base frame at the start."""
         return self.tree.frames[b] if b != GROUND else self.tree.base
 
-    def _pose(self, b: int) -> Pose:
-        """Return position, rotation and velocities of body ``b`` at C, as arrays of symbols."""
+    def _make_pose(self, b: int) -> Pose:
+        """Return position of C, rotation and velocities of body ``b`` in the base frame, as arrays of ``Symbol``."""
         C = self.P[b] + self.centre[b]
         v = self.v[b] + ca.cross(self.omega[b], self.centre[b])
         return Pose(*(_wrap_symbols(x) for x in (C, self.R[b], v, self.omega[b])))
@@ -261,7 +276,7 @@ def coordinate_rates(tree: Tree, q: ca.SX, u: ca.SX) -> ca.SX:
 
 
 def weighted_sum(directions: list[ca.SX], values: Sequence[ca.SX]) -> ca.SX:
-    """Return the sum of ``directions`` times ``values``."""
+    """Return the sum of ``directions`` times ``values``, of which there may be more."""
     out = ZERO
     for a, x in zip(directions, values, strict=False):
         out = out + a * x
@@ -287,8 +302,8 @@ def _rotate_about(R: ca.SX, axis: np.ndarray, angle: ca.SX) -> ca.SX:
     return ca.horzcat(x, ca.cross(z, x), z)
 
 
-def _symmetric(RJ: ca.SX, R: ca.SX) -> ca.SX:
-    """Return RJ R^T for a symmetric product: both halves are the same expressions."""
+def _rotate_inertia(RJ: ca.SX, R: ca.SX) -> ca.SX:
+    """Return the symmetric product (R J) R^T from ``RJ`` = R J; both halves are the same expressions."""
     out = ca.SX.zeros(3, 3)
     for a in range(3):
         for c in range(a + 1):
@@ -297,7 +312,7 @@ def _symmetric(RJ: ca.SX, R: ca.SX) -> ca.SX:
 
 
 def _wrap_symbols(a: Any) -> np.ndarray:
-    """Return numbers, or the entries of a CasADi matrix, as an array of ``Symbol``."""
+    """Return the entries of an array, or of a CasADi matrix, as an array of ``Symbol``; a column becomes a vector."""
     if isinstance(a, np.ndarray):
         return np.array([Symbol(ca.SX(float(x))) for x in a.ravel()], dtype=object).reshape(a.shape)
     out = np.array([Symbol(a[r, c]) for r in range(a.shape[0]) for c in range(a.shape[1])], dtype=object)

@@ -41,7 +41,7 @@ class Pattern(NamedTuple):
         return len(self.pairs) - len(self.constants)
 
     def build_matrix(self, K: np.ndarray) -> Matrix:
-        """Return K by columns, from the array ``K`` of its entries."""
+        """Return K as a dictionary of columns, from the array ``K`` of its entries in the order of ``pairs``."""
         out: Matrix = {k: {} for k in range(self.first + self.rows)}
         for (k, row), value in zip(self.pairs.tolist(), K.tolist(), strict=True):
             out[k][row] = out[row][k] = value
@@ -49,12 +49,13 @@ class Pattern(NamedTuple):
 
 
 def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = None) -> EliminationOrder:
-    """Return the order of elimination of the numeric matrix K, with loop rows last if that takes fewer products.
+    """Return an order of elimination of the numeric matrix K, with all loop rows last if that takes fewer products.
 
-    Each of the ``held`` rows of opened balls, which follow ``nu`` velocities and as many freed ones, is eliminated
-    after the freed velocity that only it constrains: before that, its pivot depends on the parent's rotation alone and
-    vanishes in some orientations. Pivots are compared with ``size``, as in ``find_order``. Entries of K that are
-    rounding are removed in place. Raises ``NoInertia`` where H is singular and no loop row makes up for it.
+    K has ``nu`` velocities, ``held`` velocities freed by opened balls, as many rows that close these, then loop rows. A
+    row of an opened ball is eliminated after the freed velocity that only it constrains: before that, its pivot depends
+    on the parent's rotation alone and vanishes in some orientations. Pivots are compared with ``size``, as in
+    ``find_order``. Rows of K that are rounding are emptied in place. Raises ``NoInertia`` where H is singular and no
+    loop row makes up for it.
     """
     n, first = nu + held, nu + 2 * held
     _drop_rounding(K, n)
@@ -70,10 +71,10 @@ def order_rows(K: Matrix, nu: int, held: int, size: Sequence[float] | None = Non
 
 
 def find_safe_order(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> EliminationOrder:
-    """Return an order of elimination for K's entries ``here``, with pivots compared with those at the ``start``.
+    """Return an order of elimination for the entries ``here`` of K that is safe, compared with those at the ``start``.
 
-    Raises ``LostRank`` where a row's pivot is not safe relative to its size at the start, where the number of
-    independent rows differs, or where H is singular.
+    Raises ``LostRank`` where a row's pivot is below ``AGAIN`` of its size at the start, where the number of independent
+    rows differs from that at the start, or where H is singular.
     """
     n = pattern.nu + pattern.held
     at_start = pattern.build_matrix(start)
@@ -98,7 +99,10 @@ def find_safe_order(pattern: Pattern, here: np.ndarray, start: np.ndarray) -> El
 
 
 def _drop_rounding(K: Matrix, nu: int) -> None:
-    """Remove in place those rows of K that contain only rounding: of a tree joint that is declared twice."""
+    """Remove in place the entries of those rows of K that are rounding, as of a tree joint that is declared twice.
+
+    ``nu`` is the number of velocities; rows after them are constraints.
+    """
     size = compute_pivot_sizes(K, nu)
     nothing = (ROUNDING / max(size[:nu], default=1.0)) * ROUNDING
     for k in range(nu, len(K)):
@@ -130,9 +134,9 @@ class EliminationLists(NamedTuple):
 
 
 def make_lists(pattern: Pattern, order: EliminationOrder, K: np.ndarray) -> EliminationLists:
-    """Return the lists of indices by which an order of elimination is executed on the entries ``K``.
+    """Return the index lists by which compiled functions eliminate the entries ``K`` in the given ``order``.
 
-    The arrays for right sides and results are placeholders.
+    Arrays of right-hand sides and results are placeholders, which each call replaces by its own.
     """
     rank = {k: n for n, k in enumerate(order.rows)}
     n, size, nothing = len(order.rows), pattern.first + pattern.rows, len(order.rows)
@@ -212,7 +216,7 @@ def factor_by_lists(s: Any) -> None:
 
 
 def solve_by_lists(s: Any) -> None:
-    """Solve K (u, -lam) = b with the factor, and set ``u`` and ``lam``."""
+    """Solve K (u, -lam) = b with the factor of ``factor_by_lists``, and set ``u`` and ``lam`` of the bundle ``s``."""
     clear(s.x)
     nu = len(s.u)
     for k in range(nu):
@@ -225,7 +229,7 @@ def solve_by_lists(s: Any) -> None:
 
 
 def solve_rows_by_lists(s: Any) -> None:
-    """Solve for ``lam`` where velocities have no loads; ``b`` begins with the loads of rows."""
+    """Solve K (u, -lam) = (0, b) for ``lam`` alone; ``b`` of the bundle ``s`` begins with the rows."""
     for k in range(s.ahead, len(s.value)):
         s.x[s.row[s.start[k]]] = 0.0
     for k in range(len(s.lam)):
@@ -235,7 +239,7 @@ def solve_rows_by_lists(s: Any) -> None:
 
 @compile_inline
 def _substitute(s: Any, ahead: int) -> None:
-    """Substitute forward and back, without the first ``ahead`` columns of the order; set ``lam``."""
+    """Substitute forward and back in ``x``, without the first ``ahead`` columns of the order; set ``lam``."""
     clear(s.lam)
     n = len(s.value)
     for k in range(ahead, n):

@@ -52,7 +52,10 @@ class JointMarcher(ABC):
     _room: tuple[Record, BoundFunction] | None = None
 
     def __init__(self, problem: Problem, state: np.ndarray, before: "JointMarcher | None") -> None:
-        """Allocate the record of a step; the tree is that of the marcher ``before``, if there is one."""
+        """Allocate the record of a step for ``problem``; take the tree of the marcher ``before``, if there is one.
+
+        ``state`` is the control of the compiled march, shared by all marchers of a run.
+        """
         system, nb = problem.system, problem.system.nb
         self.problem, self.state = problem, state
         self.tree = before.tree if before else build_tree(system, problem.initial)
@@ -67,9 +70,10 @@ class JointMarcher(ABC):
         self.reach = max(float(np.max(np.abs(a), initial=0.0)) for a in (problem.initial.r, system.joint_s_i))
 
     def stretch(self, n: int) -> Record:
-        """March up to ``n`` steps, or as many as the record holds; return the record of those accepted.
+        """March up to ``n`` steps, or as many as the record has room for; return the record of those accepted.
 
-        ``state["outcome"]`` says why the march ended.
+        ``state["outcome"]`` says why the march ended. Only a record that is full is a copy; the memory of others is
+        used again by the next call.
         """
         if self._room is None:
             bytes_of_a_step = 8 * (1 + 18 * len(self.kernel.r) + len(self.kernel.lam))
@@ -80,7 +84,7 @@ class JointMarcher(ABC):
         return Record(*(a.copy() for a in taken)) if self.state["outcome"] == FULL else taken
 
     def _make_record(self, n: int) -> tuple[Record, BoundFunction]:
-        """Return a record for ``n`` steps, and the compiled march that fills it."""
+        """Allocate a record of ``n`` steps; return it and the compiled march that fills it."""
         record = allocate_record(n, len(self.kernel.r), len(self.kernel.lam))
         for a in record:
             a.fill(0.0)  # the system provides pages as they are touched
@@ -103,13 +107,13 @@ class JointMarcher(ABC):
 
     @abstractmethod
     def continue_without_pivots(self) -> "tuple[kernel.Marcher, str] | None":
-        """Continue where no order has safe pivots: return a march by the kernel with a note on it, or change this one.
+        """Continue where no order has safe pivots: return a march by the kernel and a note, or change this marcher.
 
-        If neither is possible, ``state["outcome"]`` remains.
+        None in the second case. If neither is possible, ``state["outcome"]`` stays as it is and the march ends.
         """
 
     def explain(self, outcome: int) -> str:
-        """Return the message for an ``outcome`` of the march."""
+        """Return the message for an ``outcome`` of the march; where it is stuck, with the least pivot and the gap."""
         if outcome != STUCK:
             return ENDS[outcome][1]
         pivot, gap = self.stages.guard
@@ -137,6 +141,7 @@ class Relay:
     """A march in joint coordinates; where it is stuck, other pivots continue, or what its marcher has instead."""
 
     def __init__(self, marcher: JointMarcher) -> None:
+        """Begin with ``marcher``, in the order of elimination of the start."""
         self.state, self.kernel, self.reaction = marcher.state, marcher.kernel, marcher.reaction
         self.changes, self._notes = list[float](), list[str]()
         self.runner, self._orders = marcher, list[EliminationOrder | None]([None])
@@ -149,9 +154,9 @@ class Relay:
         return (*([f"pivots chosen anew at t = {times} s"] if self.changes else []), *self._notes)
 
     def stretch(self, n: int) -> Record:
-        """March up to ``n`` steps and return their record, reactions in the system's order.
+        """March up to ``n`` steps and return their record, with reactions in the system's order of rows.
 
-        Where the march is stuck, change to another order of elimination, or to what the marcher has instead.
+        Where the march is stuck, change to another order of elimination, or else as the marcher itself provides.
         """
         if self._fallback:
             record: Record = self._fallback.stretch(n)
@@ -169,16 +174,16 @@ class Relay:
         return record
 
     def _choose_pivots(self) -> bool:
-        """Change to an order of elimination whose pivots are safe at the present state; return whether there is one.
+        """Change to an order of elimination whose pivots are safe at the present state; return whether this was done.
 
-        An earlier order is preferred. Where pivots are not poor, and at the time of the last change, there is none.
+        An earlier order is preferred. Nothing is changed where pivots are not poor, or at the time of the last change.
         """
         t = float(self.state["t"])
         if not self.runner.has_poor_pivots or (self.changes and not t > self.changes[-1]):
             return False
         for order in self._orders:
             other = self.runner.restart(order)
-            if other.stages.guard[0] > FAIR:
+            if other.stages.guard[0] > FAIR:  # its least pivot is safe here
                 break
         else:
             before = self.runner
@@ -193,14 +198,17 @@ class Relay:
         return True
 
     def explain(self, outcome: int) -> str:
-        """Return the message for an ``outcome`` of the march, after the notes on changes."""
+        """Return the message for an ``outcome`` of the march, preceded by the notes on changes."""
         return "; ".join([*self.notes, (self._fallback or self.runner).explain(outcome)])
 
 
 def integrate_by_relay(
     problem: Problem, control: StepControl, method: Method, make_marcher: Callable[[], JointMarcher]
 ) -> Trajectory:
-    """Integrate to the end, a limit or a failure; return the trajectory with its status, a refusal if none is made."""
+    """Integrate to the end, a limit or a failure by the marcher of ``make_marcher``; return the trajectory.
+
+    Its status is a refusal if ``make_marcher`` raises ValueError. Notes and counters are those of marcher and relay.
+    """
     watch = Stopwatch()
     try:
         marcher = make_marcher()

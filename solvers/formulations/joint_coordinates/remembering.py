@@ -8,14 +8,16 @@ Result = TypeVar("Result")
 
 
 def remember_last(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Return ``function`` with its last result kept, which calls with the very same objects as arguments get again.
+    """Wrap ``function`` so that a call with the same objects as the last one returns the last result again.
 
-    Arrays of systems, starts and trees are frozen, so that the same object has the same numbers.
+    Arguments are compared by identity: arrays of systems, starts and trees are frozen, so that the same object has the
+    same numbers.
     """
     last: list[tuple[tuple[Any, ...], Result]] = []
 
     @wraps(function)
     def remembered(*arguments: Any) -> Result:
+        """Return the last result for the same objects, else that of the function."""
         if not (last and len(last[0][0]) == len(arguments) and all(map(_is_same, last[0][0], arguments))):
             last[:] = [(arguments, function(*arguments))]
         return last[0][1]
@@ -24,5 +26,5 @@ def remember_last(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def _is_same(known: Any, given: Any) -> bool:
-    """Return whether both are one object."""
+    """Return whether ``known`` and ``given`` are the same object."""
     return known is given

@@ -45,11 +45,11 @@ class Spin(NamedTuple):
         return slice(limb.u_at + len(limb.slides), limb.u_at + limb.sizes[1])
 
     def _direction(self, motion: TreeMotion) -> ca.SX:
-        """Return the spin's axis at a motion, in the base frame."""
+        """Return the spin's axis in the pose of ``motion``, in the base frame."""
         return motion.R[self.limb.body] @ ca.SX(ca.DM(self.axis))
 
     def add_inertia(self, H: dict[int, dict[int, ca.SX]], motion: TreeMotion) -> None:
-        """Add the added inertia about the axis to H, given by columns, in place."""
+        """Add the spin's ``added`` inertia about its axis to the mass matrix ``H``, given by columns, in place."""
         e, first = self._direction(motion), self._velocities.start
         for a in range(3):
             for c in range(3):
@@ -60,10 +60,9 @@ class Spin(NamedTuple):
         return 0.5 * self.added * ca.dot(self._direction(motion), motion.u[self._velocities]) ** 2
 
     def add_turn(self, q: ca.SX, u: ca.SX, motion: TreeMotion, pi: ca.SX) -> None:
-        """Add to ``q`` and ``u``, in place, the body's turn about its axis since t = 0 that the steps leave out.
+        """Add the rotation about the axis that the steps omit, since t = 0, to ``q``, and its rate to ``u``, in place.
 
-        ``pi`` are the momenta conjugate to the tree's velocities; the rate of the turn follows from the one along the
-        axis.
+        ``pi`` are the momenta conjugate to the tree's velocities; the rate is proportional to that about the axis.
         """
         e, limb = self._direction(motion), self.limb
         rate = (1.0 / self.inertia - 1.0 / (self.inertia + self.added)) * ca.dot(e, pi[self._velocities])
@@ -75,11 +74,14 @@ class Spin(NamedTuple):
 
 
 def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
-    """Return the free spins of a tree: those of slender bodies of revolution held by balls on their axes."""
+    """Return the free spins of a tree: those of slender bodies of revolution with ball joints on their axes alone.
+
+    Bodies with a declared force on them have none.
+    """
     pushed = {int(b) for kind in DECLARED for end in "ij" for b in getattr(system, f"{kind}_{end}", ())}
     out = []
     for limb in tree.limbs:
-        arms = _find_ball_points(system, limb.body)
+        arms = _list_ball_points(system, limb.body)
         if not limb.ball or arms is None or limb.body in pushed:
             continue
         J, axes = principal_axes(system.regular_inertia[limb.body])
@@ -93,8 +95,8 @@ def find_spins(system: MultibodySystem, tree: Tree) -> list[Spin]:
     return out
 
 
-def _find_ball_points(system: MultibodySystem, body: int) -> Float[np.ndarray, "n 3"] | None:
-    """Return the points [m, in the body] of a body's joints; None if one of these is not spherical."""
+def _list_ball_points(system: MultibodySystem, body: int) -> Float[np.ndarray, "n 3"] | None:
+    """Return the points (n, 3) [m, body frame] of all joints on ``body``; None if one of these is not spherical."""
     ends = ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j))
     if any(system.joint_kind(int(k)) != "spherical" for of, _ in ends for k in np.flatnonzero(of == body)):
         return None

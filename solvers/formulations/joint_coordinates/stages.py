@@ -15,9 +15,9 @@ NOTHING = 1e-300  # makes an error of zero 0, not 0/0
 
 
 def write_measure(tree: Tree) -> GeneratedFunction:
-    """Return the function of a step's error relative to its tolerances, a root mean square.
+    """Return the function that computes the error of a step over its tolerances, a root mean square.
 
-    Inputs: (t, h, rtol), y at the start and at the end, and the sums of both error estimates.
+    Its inputs are (t, h, rtol), y at the start and at the end, and both error estimates divided by h.
     """
     n = tree.nq + tree.nu
     given, start, y, sums = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("y", n), ca.SX.sym("sums", 2 * n)
@@ -32,7 +32,10 @@ def write_measure(tree: Tree) -> GeneratedFunction:
 
 
 def write_step(accelerate: GeneratedFunction, measure: GeneratedFunction) -> GeneratedFunction:
-    """Return the function of a whole step: (t, h, rtol), start, its slope -> y at the end, error, least pivot."""
+    """Return the function of a whole step: (t, h, rtol), start, its slope -> y at the end, error, least pivot.
+
+    ``accelerate`` is (t, y) -> y_dot, least pivot; ``measure`` that of ``write_measure``.
+    """
     f, error = (ca.Function("f", x.inputs, x.outputs) for x in (accelerate, measure))
     n = accelerate.inputs[1].numel()
     given, start, first = ca.SX.sym("given", 3), ca.SX.sym("start", n), ca.SX.sym("first", n)
@@ -44,26 +47,27 @@ def write_step(accelerate: GeneratedFunction, measure: GeneratedFunction) -> Gen
         return sum(terms[1:], terms[0])
 
     def combine(s: None, weights: np.ndarray, n: int, h: ca.SX) -> None:
-        """Set y to the start and h times the weighted sum of the slopes."""
+        """Set y to the start plus ``h`` times the weighted sum of the slopes so far."""
         nonlocal y
         y = start + h * combine_slopes(weights)
 
-    def slope(s: None, t: ca.SX, i: int) -> None:
-        """Append the slope at y and t, and note its least pivot."""
+    def append_slope(s: None, t: ca.SX, i: int) -> None:
+        """Append the slope at y and ``t``, and include its pivot in the least one."""
         nonlocal least
         found, pivot = f(t, y)
         slopes.append(found)
         least = ca.fmin(least, pivot)
 
-    evaluate_stages(None, DOPRI853, given[0], given[1], 1, combine, slope)
+    evaluate_stages(None, DOPRI853, given[0], given[1], 1, combine, append_slope)
     sums = ca.vertcat(*(combine_slopes(row) for row in DOPRI853.error))
     return GeneratedFunction([given, start, first], [y, error(given, start, y, sums), least])
 
 
 def list_tolerance_blocks(tree: Tree) -> list[tuple[int, int, int]]:
-    """Return (first, last + 1, kind) of the parts of y that have one tolerance each.
+    """Return (first, last + 1, kind) of each block of y that has one tolerance.
 
-    Kind 0 has the tolerance rtol (1 + length); 1 (a quaternion) and 2 (an angle) have kind / 2 times rtol.
+    The tolerance of kind 0, slides and velocities, is rtol (1 + |block|); that of kind 1, a quaternion, is rtol / 2;
+    that of kind 2, an angle, is rtol.
     """
     out: list[tuple[int, int, int]] = []
     for limb in tree.limbs:

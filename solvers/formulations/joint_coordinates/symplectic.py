@@ -106,7 +106,7 @@ class CollocationStages(NamedTuple):
     slow: Any  # (1,) 1 once sweeps are accelerated
     entered: Any  # (n,) unknowns before a sweep
     left: Any  # (n,) those after the sweep before
-    weights: Any  # (k,) of changes of F and pushes, as ``_sweep`` measures them
+    weights: Any  # (k,) of changes of F and pushes, as ``_evaluate_stages`` measures them
     change: Any  # (k,) weighted, of a sweep
     change_before: Any  # (k,)
     basis: Any  # (MEMORY, k) orthonormal, of changes of changes
@@ -121,9 +121,9 @@ class CollocationStages(NamedTuple):
 
 
 def step(s: Any) -> None:
-    """Solve for stages and multipliers of a step of ``control.h`` by sweeps; ``finish`` adds the step to q and p.
+    """Solve for the stages and multipliers of a step of ``control.h`` [s] by sweeps; ``finish`` completes the step.
 
-    ``control.status`` becomes STUCK where sweeps do not converge or pivots are poor.
+    ``s`` is a ``CollocationStages``. ``control.status`` becomes STUCK where sweeps do not converge or pivots are poor.
     """
     c, h = s.control, s.control.h
     if not (s.guard[0] > s.limits[0] and s.guard[1] < s.limits[1]):
@@ -131,16 +131,17 @@ def step(s: Any) -> None:
         return
     if abs(h - s.past[1]) > 1e-9 * h:
         s.past[0], s.past[1] = 0.0, h
-    _estimate(s, c.t)
+    _estimate_step(s, c.t)
     s.least[0], s.seen[0], s.idle[0], s.known[0], s.slow[0] = np.inf, 0.0, 0, -1, 0
-    if not iterate(s, _sweep_and_correct, _classify, MOST_SWEEPS):
+    if not iterate(s, _sweep_and_correct, _classify_sweep, MOST_SWEEPS):
         c.status = STUCK
 
 
 def finish(s: Any) -> None:
-    """Add the step to q and p, project velocities at its end, and compute what is recorded.
+    """Add the increments of the step to q and p, project velocities at its end, and compute its record.
 
-    Accelerations and reactions recorded are those of index 1.
+    ``s`` is a ``CollocationStages``. Recorded accelerations and reactions are those of index 1. Slopes and multipliers
+    are kept for later estimates.
     """
     c, h = s.control, s.control.h
     n, m = len(s.start[0]), len(s.nodes)
@@ -176,21 +177,28 @@ def finish(s: Any) -> None:
 
 @compile_inline
 def _sweep_and_correct(s: Any, i: int, stale: bool) -> float:
-    """Evaluate all stages and correct all multipliers once; return the larger change, as ``iterate`` asks for."""
+    """Evaluate all stages and correct all multipliers once; return the larger of both relative changes.
+
+    ``i`` is the number of sweeps before; ``stale`` is an argument of ``iterate`` that is not used.
+    """
     c = s.control
     c.iterations += 1
     s.most[0] = max(s.most[0], i + 1.0)
     if s.slow[0] != 0:
         copy(s.unknowns, s.entered)
-    size = _sweep(s, c.t, c.h)
+    size = _evaluate_stages(s, c.t, c.h)
     if len(s.rows) > 0:
-        size = take_larger(size, _correct(s, c.t, c.h))
+        size = take_larger(size, _correct_multipliers(s, c.t, c.h))
     return size
 
 
 @compile_inline
-def _classify(s: Any, i: int, size: float, last: float) -> int:
-    """Return whether only rounding changes; begin acceleration where sweeps are slow, and accelerate them then."""
+def _classify_sweep(s: Any, i: int, size: float, last: float) -> int:
+    """Return SETTLED where only rounding changes, FAILED where a change is not finite, else GO_ON after sweep ``i``.
+
+    ``size`` and ``last`` are its change and the one before. Acceleration begins where the sweeps up to
+    ``PLAIN_SWEEPS`` would leave a change above ``TIGHT``; accelerated sweeps are combined here.
+    """
     if not np.isfinite(size):
         return FAILED
     s.idle[0] += 1
@@ -215,7 +223,7 @@ def _classify(s: Any, i: int, size: float, last: float) -> int:
 
 @compile_inline
 def _add_compensated(s: Any, e: int, k: int, change: float) -> None:
-    """Add ``change`` to entry (e, k) of z, with Kahan's compensation of rounding."""
+    """Add ``change`` to entry (e, k) of ``z``, with Kahan's compensation, whose remainder is kept in ``rest``."""
     change += s.rest[e, k]
     total = s.z[e, k] + change
     s.rest[e, k] = change - (total - s.z[e, k])
@@ -223,10 +231,10 @@ def _add_compensated(s: Any, e: int, k: int, change: float) -> None:
 
 
 @compile_inline
-def _estimate(s: Any, t: float) -> None:
-    """Estimate the stages' slopes ``F`` and the multipliers ``lam`` from earlier steps.
+def _estimate_step(s: Any, t: float) -> None:
+    """Set the slopes ``F`` of the stages and the multipliers ``lam`` to values extrapolated from earlier steps.
 
-    Without earlier steps, all stages get the slope at the start, at ``t`` [s].
+    Without earlier steps all stages get the slope at the start, at ``t`` [s], and lam is zero.
     """
     past, d, stages, m = int(s.past[0]), len(s.before), len(s.b), len(s.nodes)
     if past == 0:
@@ -254,8 +262,11 @@ def _estimate(s: Any, t: float) -> None:
 
 
 @compile_inline
-def _sweep(s: Any, t: float, h: float) -> float:
-    """Evaluate all stages once; return the largest change of q and p by it, relative to their size."""
+def _evaluate_stages(s: Any, t: float, h: float) -> float:
+    """Set the slopes ``F`` of all stages once, from the newest values; return the largest change of q and p by it.
+
+    Changes of q are relative to 1 + |q|, those of p to the largest momentum.
+    """
     n, m = len(s.start[0]), len(s.nodes)
     worst = 0.0
     change = moment = 0.0
@@ -283,8 +294,8 @@ def _sweep(s: Any, t: float, h: float) -> float:
 
 
 @compile_inline
-def _node(s: Any, j: int, t: float, h: float) -> None:
-    """Set the time and ``z[0]`` to those of node ``j``, at which rows hold."""
+def _move_to_node(s: Any, j: int, t: float, h: float) -> None:
+    """Set the time and the coordinates ``z[0]`` to those of node ``j``, where phi = 0 is required."""
     s.t[0] = t + s.nodes[j] * h
     for k in range(len(s.start[0])):
         q = 0.0
@@ -295,21 +306,24 @@ def _node(s: Any, j: int, t: float, h: float) -> None:
 
 @compile_inline
 def _compute_push(s: Any, j: int, t: float, h: float) -> None:
-    """Set ``pushes`` of node ``j`` to G^T lam, the force of its multipliers."""
+    """Set ``pushes[j]`` to G^T lam, the generalised force of the multipliers of node ``j``."""
     if len(s.rows) > 0:
-        _node(s, j, t, h)
+        _move_to_node(s, j, t, h)
         copy(s.lam[j], s.rows)
         run(s.pushed)
         copy(s.push, s.pushes[j])
 
 
 @compile_inline
-def _correct(s: Any, t: float, h: float) -> float:
-    """Correct the multipliers of all nodes by Newton's method; return the largest phi, 0 where it is rounding."""
+def _correct_multipliers(s: Any, t: float, h: float) -> float:
+    """Correct the multipliers of all nodes by one simplified Newton step; return the largest |phi|.
+
+    Where that is only rounding, nothing is corrected and 0 is returned.
+    """
     m, nr = len(s.nodes), len(s.rows)
     worst = 0.0
     for j in range(1, m):
-        _node(s, j, t, h)
+        _move_to_node(s, j, t, h)
         run(s.gap)
         for n in range(len(s.kept)):
             gap = s.gaps[s.kept[n]]
@@ -336,6 +350,7 @@ class Closing:
     """K at the end of a step, with which velocities are projected there and lam of the next step is corrected."""
 
     def __init__(self, evaluation: Evaluation, own: HamiltonCode, least: np.ndarray) -> None:
+        """Allocate work arrays; ``kept`` are the indices of the rows in use: of loops, then of quaternion lengths."""
         self._evaluation, self._own, self._least = evaluation, own, least
         pattern = evaluation.made.pattern
         self._y, self._b = np.zeros(evaluation.nq + pattern.nu), np.zeros(pattern.nu + pattern.rows)
@@ -348,38 +363,44 @@ class Closing:
         return Program(self._factor(t, z), self)
 
     def close(self, t: np.ndarray, z: np.ndarray, y: np.ndarray, rows: np.ndarray) -> Program:
-        """Return the program that projects velocities onto the rows at the end of a step.
+        """Return the program that projects velocities onto phi_dot = 0 at the end ``z`` = (q, p) of a step.
 
-        It sets ``y``, and ``rows`` to the impulses of the last node.
+        It sets ``y`` = (q, u), and ``rows`` to the multipliers of the last node, impulses.
         """
         solve = self._evaluation.solve(self._b, self._u, self._lam)
-        return Program([*self._factor(t, z), *solve, self._step("close", t, *z, self._u, self._lam, y, rows)], self)
+        return Program(
+            [*self._factor(t, z), *solve, self._make_call("close", t, *z, self._u, self._lam, y, rows)], self
+        )
 
     def solve(self, rows: np.ndarray, solved: np.ndarray) -> Program:
-        """Return the program that sets ``solved`` := S^-1 rows, with S = G H^-1 G^T of the last factor."""
+        """Return the program that sets ``solved`` to S^-1 ``rows``, with S = G H^-1 G^T of the last factor."""
         loops, radial = (np.split(x, [self._evaluation.made.rows]) for x in (rows, solved))
         steps = self._evaluation.solve_rows(loops[0], radial[0])
-        return Program([*steps, *([self._step("soften", loops[1], radial[1])] if len(loops[1]) else [])], self)
+        return Program([*steps, *([self._make_call("soften", loops[1], radial[1])] if len(loops[1]) else [])], self)
 
     def _factor(self, t: np.ndarray, z: np.ndarray) -> Calls:
         """Return the steps that compute the pose and K at ``z``, with added inertia of free spins, and factorise K."""
         e, variable = self._evaluation, self._evaluation.made.pattern.variable
-        pose, loads = self._step("pose", t, *z, self._y, self._b), np.zeros_like(self._b)
+        pose, loads = self._make_call("pose", t, *z, self._y, self._b), np.zeros_like(self._b)
         if not self._own.spins:
             return [pose, *e.entries(t, self._y, loads, self._rates), *e.factor(self._least)]
         K = np.zeros(variable)
         entries = e.make_call("entries", t, self._y, K, loads, self._rates)
-        return [pose, *entries, self._step("add_spins", self._y, K, e.K[:variable]), *e.factor(self._least)]
+        return [pose, *entries, self._make_call("add_spins", self._y, K, e.K[:variable]), *e.factor(self._least)]
 
-    def _step(self, name: str, *arrays: np.ndarray) -> tuple[int, list[np.ndarray]]:
-        """Return the call of function ``name`` of the code of Hamilton's equations; nothing is run."""
+    def _make_call(self, name: str, *arrays: np.ndarray) -> tuple[int, list[np.ndarray]]:
+        """Return the call of the function ``name`` of Hamilton's equations with these arrays; nothing is run."""
         return self._own.code.address(name), list(arrays)
 
 
 def make_closing(
     evaluation: Evaluation | TreeEvaluation, own: HamiltonCode | TreePhase, least: np.ndarray
 ) -> Closing | TreeClosing:
-    """Return the projection of velocities at the ends of steps; both arguments are code, or both recursion."""
+    """Return the object whose programs factorise K and project velocities at the ends of steps.
+
+    ``evaluation`` and ``own``, Hamilton's equations, are both code or both recursion. Code sets ``least`` to the least
+    pivot.
+    """
     if isinstance(evaluation, TreeEvaluation) and isinstance(own, TreePhase):
         return TreeClosing(evaluation, own)
     assert isinstance(evaluation, Evaluation) and isinstance(own, HamiltonCode)  # chosen together
@@ -517,13 +538,13 @@ class SymplecticMarcher(JointMarcher):
         return SymplecticMarcher(self.problem, self.state, self.tableau, self, order, radial=self.radial)
 
     def continue_without_pivots(self) -> None:
-        """Continue with the present pivots if they exceed ``LEAST_PIVOT`` and no row is open; else end the march."""
+        """Continue with the present pivots if they exceed ``LEAST_PIVOT`` and no row left out is open."""
         s = self.stages
         if s.limits[0] > LEAST_PIVOT and s.guard[0] > LEAST_PIVOT and s.guard[1] < s.limits[1]:
             s.limits[0], self.state["outcome"] = LEAST_PIVOT, FULL
 
     def explain(self, outcome: int) -> str:
-        """Return the message for an ``outcome`` of the march, with advice."""
+        """Return the message for an ``outcome`` of the march, with advice: rattle, or a shorter step."""
         if self.has_poor_pivots:
             return f"{super().explain(outcome)}: use rattle"
         helps = SHORTER if outcome == STUCK and isinstance(self.hamilton, TreePhase) else ""
@@ -548,14 +569,14 @@ METHOD = Method(lambda kernel, state: None, step, finish, counters=("evaluations
 
 
 def refuse_problem(problem: Problem) -> str | None:
-    """Return the refusal of rows without phi, or of a mechanism too large for code and recursion, or None."""
+    """Return the refusal of rows without phi, or of a mechanism too large for both code and recursion, or None."""
     return refuse_without_phi(problem.system) or refuse_loop_rows(problem)
 
 
 def integrate(
     problem: Problem, control: StepControl, tableau: CollocationTableau, *, radial: bool = False
 ) -> Trajectory:
-    """Integrate by symplectic steps of a tableau, and return the trajectory with its status.
+    """Integrate by symplectic steps of ``tableau`` with the fixed step ``control.dt``, and return the trajectory.
 
     ``radial`` includes the energy and the rows that keep quaternions at length one, for methods that do not keep
     quadratic invariants.

@@ -14,6 +14,7 @@ Simplified Newton with S at the first estimate of q_1, d = M^-1 (f + A^T lam) - 
     stabilised   S dlam = -A d - A v_1 / (gamma' h),   S deta = -phi + (beta' h / gamma') A v_1
 
 The matrix of the iteration is M alone: it does not converge with springs for which h^2 k/m is of order one or more.
+``s`` is the bundle of a step, ``k`` its kernel.
 """
 
 from functools import partial
@@ -25,7 +26,7 @@ from ..compiled.entries import compile_inline, run
 from ..compiled.host import Method, choose_tolerance
 from ..compiled.marching import STUCK
 from .iteration import MOST_ITERATIONS, classify_by_fall, iterate
-from .products import add_scaled, move, set_rates
+from .products import add_scaled, displace_poses, set_rates
 from .stiff_springs import make_explainer
 
 COUNTERS = ("iterations", "factorisations")
@@ -56,9 +57,9 @@ def make_alpha_method(
 ) -> Method:
     """Make the generalised-alpha method with these coefficients, for ``host.integrate``.
 
-    ``tolerance`` is that of phi and of the last correction of poses [m; without unit]; ``shift`` times the diagonal of
-    S is added to it; ``stabilised`` also solves A v = 0, with a second multiplier; ``projected`` projects velocities
-    and accelerations after each step.
+    The coefficients are those of the equations above. ``tolerance`` is that of phi and of the last correction of poses
+    [m; without unit]; ``shift`` times the diagonal of S is added to it; ``stabilised`` also solves A v = 0, with a
+    second multiplier; ``projected`` projects velocities and accelerations after each step.
     """
     tolerance, notes = choose_tolerance(tolerance, problem)
     scheme = make_record(
@@ -76,9 +77,9 @@ def make_alpha_method(
 
 
 def start(s):
-    """Set vdot and a to the acceleration of index 1, and the shift of S.
+    """Set vdot and a to the acceleration of index 1 at the start, and set the shift of S.
 
-    The estimate of lam begins at 0: redundant rows share it where none is dropped.
+    The estimate of lam stays 0: where no redundant row is dropped, corrections from 0 share the load among them.
     """
     run(s.kernel.accelerate)
     s.control.factorisations += 1
@@ -100,12 +101,15 @@ def step(s):
 
 
 def finish(s):
-    """Compute the scheme's acceleration at the end, and set ``lam``; if ``projected``, project velocity and vdot."""
+    """Set the end of the step: its poses and velocities, the scheme's acceleration, and ``lam``.
+
+    If ``projected``, velocities and accelerations are projected onto the constraints.
+    """
     k = s.kernel
     _predict(s, k, s.control.h)
     for b in range(len(s.a0)):
         for a in range(6):
-            s.a0[b, a] = _scheme_acceleration(s, b, a)
+            s.a0[b, a] = _compute_scheme_acceleration(s, b, a)
     if s.scheme.projected:
         _project(s, k)
     copy(s.lam, k.lam)
@@ -113,7 +117,7 @@ def finish(s):
 
 @compile_inline
 def _sweep(s, i, stale):
-    """Correct vdot, lam and eta once; return the size of the residuals.
+    """Correct vdot, lam and eta once; return the size of the residuals [m; without unit].
 
     S is that of the first estimate of q_1 or, where it is ``stale``, of the present one; ``i`` counts corrections.
     """
@@ -128,8 +132,8 @@ def _sweep(s, i, stale):
 
 
 @compile_inline
-def _scheme_acceleration(s, b, a):
-    """Return component ``a`` of the scheme's acceleration a_1 of body ``b``."""
+def _compute_scheme_acceleration(s, b, a):
+    """Return component ``a`` (0 to 5) of the scheme's acceleration a_1 of body ``b``, from the present vdot."""
     c = s.scheme
     known = c.alpha_f * s.vdot0[b, a] - c.alpha_m * s.a0[b, a]
     return ((1.0 - c.alpha_f) * s.kernel.v_dot[b, a] + known) / (1.0 - c.alpha_m)
@@ -137,22 +141,25 @@ def _scheme_acceleration(s, b, a):
 
 @compile_inline
 def _predict(s, k, h):
-    """Set velocities and poses of ``k`` at the end of the step to those of the present vdot."""
+    """Set velocities and poses of ``k`` to those that the present vdot gives at the end of the step of ``h`` [s]."""
     c = s.scheme
     for b in range(len(s.v0)):
         for a in range(6):
-            v0, a0, a1 = s.v0[b, a], s.a0[b, a], _scheme_acceleration(s, b, a)
+            v0, a0, a1 = s.v0[b, a], s.a0[b, a], _compute_scheme_acceleration(s, b, a)
             k.v[b, a] = v0 + h * ((1.0 - c.gamma) * a0 + c.gamma * a1)
             s.dq[b, a] = h * (v0 + h * ((0.5 - c.beta) * a0 + c.beta * a1)) + s.slack[b, a]
-    move(s.r0, s.R0, s.dq, k.r, k.R)
+    displace_poses(s.r0, s.R0, s.dq, k.r, k.R)
 
 
 @compile_inline
 def _correct(s, k, h):
-    """Correct vdot, lam and eta with the rows in the kernel; return the size of the residuals."""
+    """Correct vdot, lam and eta with the rows in the kernel; return the size of the residuals [m; without unit].
+
+    It is the largest of phi, of the change of poses by the correction of vdot and, if stabilised, of A v in length.
+    """
     c = s.scheme
-    share = (1.0 - c.alpha_f) / (1.0 - c.alpha_m)
-    on_q, on_v = share * c.beta * h * h, share * c.gamma * h
+    ratio = (1.0 - c.alpha_f) / (1.0 - c.alpha_m)
+    on_q, on_v = ratio * c.beta * h * h, ratio * c.gamma * h  # beta' h^2 and gamma' h
     size = find_largest(k.phi)
     if c.stabilised:
         copy(k.v, k.w)
@@ -194,10 +201,10 @@ def _push_solution(k):
 
 @compile_inline
 def _project(s, k):
-    """Project v onto A v + phi_t = 0, then vdot onto A vdot = -gamma, along M^-1 A^T.
+    """Project v onto A v + phi_t = 0, then vdot onto A vdot = -gamma, along M^-1 A^T; set a to the projected vdot.
 
-    Each is done twice, as S is that of an estimate. The second projection adds a reaction of the order of h to M vdot,
-    and this is added to ``lam``.
+    Each is done twice, as S is that of an estimate. The projection of vdot adds a reaction of the order of h to M vdot,
+    which is also added to ``lam``.
     """
     run(k.rows)
     run(k.project_rates)

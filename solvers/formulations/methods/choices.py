@@ -60,16 +60,16 @@ class Settings(NamedTuple):
 
     @property
     def diagnostic_names(self) -> tuple[str, ...]:
-        """Names of the diagnostics of each step."""
+        """Names of the diagnostics of each step: with a penalty all of ``DIAGNOSTICS``, else the first four."""
         return DIAGNOSTICS if self.active else DIAGNOSTICS[:4]
 
     def numbers(self) -> dict[str, float]:
-        """Return the settings by name, as numbers for a record: integers as integers, others as floats."""
+        """Return the settings by name as numbers for a record, each of the type of its default, int or float."""
         return {name: type(self._field_defaults[name])(x) for name, x in self._asdict().items()}
 
 
 def find_unsupported(settings: Settings, system: MultibodySystem) -> str:
-    """Return what the step in ``settings`` needs that the simplified method lacks; empty where it solves the step."""
+    """Return in words what ``settings`` and ``system`` need and the simplified method lacks; empty where it applies."""
     if settings.max_turn < np.inf:
         return "max_turn"
     if any(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i)):
@@ -97,10 +97,10 @@ GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumul
 
 
 def estimate_energy(problem: Problem) -> float:
-    """Return the scale of energy [J] of a problem, 1 where it is at rest without forces.
+    """Return the scale of energy [J] of a problem; 1 if it is at rest without forces.
 
-    It is T(0), plus the applied forces at the start times the largest joint arm or radius of gyration, plus the
-    torques.
+    It is the kinetic energy at the start, plus the sizes of the applied forces there times the largest joint arm or
+    radius of gyration, plus the sizes of the applied torques times 1 rad.
     """
     system, start = problem.system, States.one(problem.initial)
     arms = np.concatenate((system.joint_s_i, system.joint_s_j[system.joint_j != GROUND]))
@@ -172,9 +172,9 @@ class GaugeChoices:
 
     @property
     def follows_paper(self) -> bool:
-        """Flag of choices that agree with all that the paper's Sect. 4.2 prints.
+        """True if the options agree with all that the paper's Sect. 4.2 prints.
 
-        c_R, mu0, tolerance, first estimate and final iterate are open there.
+        Left open there, and not compared, are c_R, mu0, the tolerance, the first estimate and the final iterate.
         """
         return (
             (self.gauge, self.sigma0, self.newton) == ("accumulate", "carried", "exact")
@@ -195,7 +195,10 @@ class GaugeChoices:
         return f"ODE-GC ({self.variant}{', '.join(words)})"
 
     def make_settings(self, problem: Problem) -> Settings:
-        """Return the choices as ``Settings``. Where C_bar or K_bar is not zero, mu, lam and sigma are carried."""
+        """Return the options as ``Settings`` for a problem.
+
+        Where C_bar or K_bar is not zero, given or by springs, mu, lam and sigma are carried, whatever the gauge.
+        """
         by_forces = self.corrective and len(problem.system.spring_k) > 0
         corrective = by_forces or self.c_bar > 0.0 or self.k_bar > 0.0
         exact = self.newton == "exact"
@@ -262,10 +265,10 @@ class GaugeChoices:
         more = find_unsupported(self.make_settings(problem), problem.system)
         if more:
             return f"code for the mechanism is the simplified method's, which does not take {more}: use code = kernel"
-        return mechanism.refuse_mechanism(problem.system, allocate_kernel(problem.system))
+        return mechanism.find_code_refusal(problem.system, allocate_kernel(problem.system))
 
     def refuses_direction(self, problem: Problem) -> str | None:
-        """Return why c_R does not exist for a joint of the problem, or None."""
+        """Return why the direction c_R does not exist for some joint of the problem, or None."""
         if self.direction == "translation" and not np.all(problem.system.joint_rows == problem.system.joint_points):
             return "direction 'translation' needs spherical joints: other rows have no translation of their own"
         return None

@@ -14,16 +14,16 @@ _KAHAN_LI_8 = (
 )  # fmt: skip
 
 
-def _symmetric(half: tuple[float, ...]) -> np.ndarray:
-    """Return all coefficients of a symmetric composition of sum 1, from those before the middle one."""
+def _complete_coefficients(half: tuple[float, ...]) -> np.ndarray:
+    """Return all coefficients of a symmetric composition, of sum 1, from those before the middle one, ``half``."""
     middle = 1.0 - 2.0 * sum(half)
     return np.array([*half, middle, *reversed(half)])
 
 
 COMPOSITIONS = {  # name: (steps, order)
     "plain": (np.array([1.0]), 2),
-    "suzuki4": (_symmetric((_SUZUKI, _SUZUKI)), 4),
-    "kahan_li6": (_symmetric(_KAHAN_LI_6), 6),
-    "kahan_li8": (_symmetric(_KAHAN_LI_8), 8),
+    "suzuki4": (_complete_coefficients((_SUZUKI, _SUZUKI)), 4),
+    "kahan_li6": (_complete_coefficients(_KAHAN_LI_6), 6),
+    "kahan_li8": (_complete_coefficients(_KAHAN_LI_8), 8),
 }
 RATE = "reversible step control: steps of dt / (1 + sum |Omega / rate|^4)^(1/4), about; 0: steps of dt"

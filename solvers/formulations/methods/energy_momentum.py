@@ -11,6 +11,7 @@ Simplified Newton: S of the first estimate's A_m, P = h F, dv = v_0 + h M^-1 f +
 S dP = -A_m dv - 2 phi / h. The multipliers F are those of the midpoint. A v at the ends may alternate from step to
 step by O(h^2), and makes F alternate by O(h). Recorded at the end of the step is F + (F' - F'') / 2, from the last
 three: the alternation cancels, and a straight line is continued. The matrix of the iteration leaves springs out.
+``s`` is the bundle of a step, ``k`` its kernel, ``m`` the bundle of ``make_means``.
 """
 
 from functools import partial
@@ -62,7 +63,10 @@ def make_mean_value_method(problem: Problem, tolerance: float, code: str) -> Met
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float, code: str) -> Any:
-    """Make the bundle of a step: arrays, and entries of mean rows and forces by loops or by code."""
+    """Make the bundle of a step: arrays, and programs of mean rows and forces by loops, or rows by code.
+
+    ``code`` is "kernel" or "mechanism"; the latter raises ``NoMechanismCode`` where the mechanism has none.
+    """
     means, scheme = make_means(system, kernel), make_record(tolerance=tolerance)
     if code == "mechanism":
         kernel = use_mean_code(system, kernel, means.h, means.r0, means.R0)
@@ -71,7 +75,7 @@ def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tol
 
 
 def start(s):
-    """Set the multipliers to those of index 1 at the start, which replace those of earlier midpoints."""
+    """Set the multipliers of the midpoint and of two earlier ones to those of index 1 at the start, and phi_t to 0."""
     run(s.kernel.accelerate)
     s.control.factorisations += 1
     for F in (s.F, s.F1, s.F2):
@@ -93,7 +97,7 @@ def step(s):
 
 
 def finish(s):
-    """Set poses, velocities and multipliers at the end, and keep those that the next steps need."""
+    """Set poses, velocities and ``lam`` of the kernel to those at the end, and store those that the next steps need."""
     k = s.kernel
     _set_end(s, k, s.means)
     copy(s.v, k.v)
@@ -107,7 +111,7 @@ def finish(s):
 
 @compile_inline
 def _sweep(s, i, stale):
-    """Correct v and F once; return the size of the residuals.
+    """Correct v and F once; return the size of the residuals [m; without unit].
 
     S is that of the first estimate of the mean rows or, where it is ``stale``, of the present ones; ``i`` counts
     corrections.
@@ -124,7 +128,7 @@ def _sweep(s, i, stale):
 
 @compile_inline
 def _set_end(s, k, m):
-    """Set the poses q_1 at the end from the mean velocities, which are left in ``k.v``."""
+    """Set ``k.v`` to the mean velocities, and the poses of ``k`` to q_1 that they lead to: R_1 by Cayley's map."""
     h = m.h[0]
     for b in range(len(k.v)):
         for a in range(6):
@@ -142,7 +146,10 @@ def _set_end(s, k, m):
 
 @compile_inline
 def _correct(s, k, m):
-    """Correct v and F with the mean rows in the kernel; return the size of the residuals."""
+    """Correct v and F with the mean rows in the kernel; return the size of the residuals [m; without unit].
+
+    It is the larger of phi and of the change of velocities times h.
+    """
     h = m.h[0]
     run(m.mean_forces)
     copy(k.force, k.w)
@@ -164,7 +171,7 @@ def _correct(s, k, m):
 
 
 @compile_inline
-def _add(share, x, y):
-    """Add ``share`` times x to y, both (nb, 6)."""
+def _add(weight, x, y):
+    """Add ``weight`` times x to y, both (nb, 6)."""
     for b in range(len(x)):
-        add_scaled(share, x[b], y[b])
+        add_scaled(weight, x[b], y[b])

@@ -21,10 +21,11 @@ NEWTON = 30  # corrections of the discrete free body
 
 
 def find_principal_axes(inertia: np.ndarray) -> Any:
-    """Return the bundle of principal axes (columns of Q) and inertias J of bodies, ordered for the splitting.
+    """Return the bundle of principal axes (columns of Q) and moments J (nb, 3) of bodies, ordered for the splitting.
 
-    Rotations are about axes 0 and 1, and J[2] is that of the isotropic part: an axisymmetric body needs one rotation, a
-    sphere none. ``turned`` is 1 where Q is not the identity; ``rate`` (nb, 2) is 1/J_i - 1/J_3, 0 where they are equal.
+    ``inertia`` is (nb, 3, 3). The splitting rotates about axes 0 and 1, and J[2] is that of the isotropic part: an
+    axisymmetric body needs one rotation, a sphere none. ``turned`` is 1 where Q is not the identity; ``rate`` (nb, 2)
+    is 1/J_i - 1/J_3, 0 where they are equal.
     """
     nb = len(inertia)
     Q, J = np.zeros((nb, 3, 3)), np.zeros((nb, 3))
@@ -44,8 +45,8 @@ def find_principal_axes(inertia: np.ndarray) -> Any:
 
 
 @compile_inline
-def _about(R, b, axis, z, L):
-    """Rotate body ``b`` by z [rad] about its axis ``axis``: R[b] := R[b] exp(z hat(e)), L := exp(-z hat(e)) L."""
+def _rotate_about_axis(R, b, axis, z, L):
+    """Rotate body ``b`` by z [rad] about its axis e (0, 1 or 2): R[b] := R[b] exp(z hat(e)), L := exp(-z hat(e)) L."""
     c, s = math.cos(z), math.sin(z)
     i, j = (axis + 1) % 3, (axis + 2) % 3
     for a in range(3):
@@ -56,8 +57,8 @@ def _about(R, b, axis, z, L):
 
 
 @compile_inline
-def _rotate(Q, b, R, L, forward):
-    """Change body ``b`` to its principal axes (``forward``), R := R Q and L := Q^T L, or back, in place."""
+def _change_axes(Q, b, R, L, forward):
+    """Change body ``b`` to its principal axes, R := R Q and L := Q^T L in place, or back without ``forward``."""
     x0, x1, x2 = L[0], L[1], L[2]
     for a in range(3):
         if forward:
@@ -75,23 +76,27 @@ def _rotate(Q, b, R, L, forward):
 
 @compile_inline
 def turn_freely(p, b, h, R, L):
-    """Move body ``b`` freely for ``h`` [s]: change ``R[b]`` and its body momentum ``L`` (3,) in place."""
+    """Rotate body ``b`` freely for ``h`` [s]: change ``R[b]`` and its body momentum ``L`` (3,) in place.
+
+    ``p`` is the bundle of ``find_principal_axes``. The splitting is symmetric: half of axis 1, the isotropic part,
+    axis 0, half of axis 1.
+    """
     if p.turned[b]:
-        _rotate(p.Q, b, R, L, 1)
+        _change_axes(p.Q, b, R, L, 1)
     if p.rate[b, 1] != 0.0:
-        _about(R, b, 1, 0.5 * h * p.rate[b, 1] * L[1], L)
+        _rotate_about_axis(R, b, 1, 0.5 * h * p.rate[b, 1] * L[1], L)
     turn_rotation(R[b], h * L[0] / p.J[b, 2], h * L[1] / p.J[b, 2], h * L[2] / p.J[b, 2], R[b])
     if p.rate[b, 0] != 0.0:
-        _about(R, b, 0, h * p.rate[b, 0] * L[0], L)
+        _rotate_about_axis(R, b, 0, h * p.rate[b, 0] * L[0], L)
     if p.rate[b, 1] != 0.0:
-        _about(R, b, 1, 0.5 * h * p.rate[b, 1] * L[1], L)
+        _rotate_about_axis(R, b, 1, 0.5 * h * p.rate[b, 1] * L[1], L)
     if p.turned[b]:
-        _rotate(p.Q, b, R, L, 0)
+        _change_axes(p.Q, b, R, L, 0)
 
 
 @compile_inline
 def turn_discretely(J, h, R, L):
-    """Move a free body for ``h`` [s] by Moser and Veselov's equations: R := R F, L := F^T L, in place.
+    """Rotate a free body for ``h`` [s] by Moser and Veselov's equations: R := R F, L := F^T L, in place.
 
     hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J. With F = (1 + hat(f)) (1 - hat(f))^-1 that is g + g x f + (g . f) f =
     2 J f, g = h L (Lee, Leok, McClamroch 2007, Comput. Methods Appl. Mech. Eng. 196), solved by Newton's method. R and
@@ -101,6 +106,7 @@ def turn_discretely(J, h, R, L):
     f0 = f1 = f2 = 0.0
     last = math.inf
     for _ in range(NEWTON):
+        # residual (q0, q1, q2); its negative Jacobian has the rows (a, b, c), (p, q, r), (u, v, w)
         d = g0 * f0 + g1 * f1 + g2 * f2
         q0 = g0 + g1 * f2 - g2 * f1 + d * f0 - 2.0 * (J[0, 0] * f0 + J[0, 1] * f1 + J[0, 2] * f2)
         q1 = g1 + g2 * f0 - g0 * f2 + d * f1 - 2.0 * (J[1, 0] * f0 + J[1, 1] * f1 + J[1, 2] * f2)

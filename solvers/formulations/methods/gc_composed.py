@@ -48,7 +48,7 @@ def start(m):
 
 
 def step(m):
-    """Take all sub-steps of ``control.h``; set ``control.status`` to STUCK where one does not converge."""
+    """Take all sub-steps of a step of ``control.h``; set ``control.status`` to STUCK where one does not converge."""
     s = m.step
     t = s.control.t
     for i in range(len(m.gamma)):
@@ -62,7 +62,7 @@ def step(m):
 
 
 def finish(m):
-    """Compute the reactions recorded, those of index 1, and the factor for the next step."""
+    """Compute accelerations and the recorded reactions, those of index 1, and the factor for the next step."""
     run(m.step.kernel.accelerate)
     refresh_factor(m.step)
 
@@ -71,7 +71,7 @@ def explain(m: Any, outcome: int) -> str:
     """Return the message for an ``outcome`` of the march; where a slender body stops its iteration, the step to take.
 
     The iteration leaves out the gyroscopic torque Omega x J Omega. Two sweeps of a body with principal moments J1 << J2
-    multiply what is off by about (h |Omega|)^2 J2/J1; up to a half of that they converge, by ``_classify``.
+    multiply the error by about (h |Omega|)^2 J2/J1; steps with h |Omega| sqrt(J2/J1) up to ``CONVERGES`` converge.
     """
     longest = float(np.max(np.abs(m.gamma)))
     moments = np.linalg.eigvalsh(m.step.kernel.J)

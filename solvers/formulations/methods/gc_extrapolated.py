@@ -65,26 +65,27 @@ def make_extrapolated_method(system: MultibodySystem, choices: Settings, columns
 
 
 def start(m):
-    """Compute acceleration and multipliers of index 1 at the start, and keep them for repetitions of the step."""
+    """Compute acceleration and multipliers of index 1 at the start, and store the start for repetitions of the step."""
     begin_march(m.step)
-    _remember(m)
+    _store_start(m)
 
 
 def step(m):
-    """Compute the extrapolated end of a step of ``control.h``, and its error.
+    """Compute the extrapolated end of a step of ``control.h`` in ``table``, and set ``control.error``.
 
-    The error is infinite where an iteration does not converge or a body turns too far.
+    The error is infinite, and the step stored as failed, where an iteration does not converge or a body turns too far.
     """
     c = m.step.control
-    c.error = _error(m, c.rtol) if _extrapolate(m, c.h) else np.inf
+    c.error = _measure_error(m, c.rtol) if _extrapolate(m, c.h) else np.inf
     if not math.isfinite(c.error):
         m.memory.failed = c.h
 
 
 def finish(m):
-    """Set the kernel to the extrapolated end, projected onto the constraints.
+    """Set the kernel to the extrapolated end, projected onto the constraints, and store it as the next start.
 
-    The next steps stay below the length that recently did not converge.
+    ``control.max_step`` becomes ``NEAR`` times the step that failed lately, a limit that grows by ``FORGET`` a step; it
+    is at least half of this step, and at most what was asked.
     """
     k, c, best = m.step.kernel, m.step.control, m.table[len(m.table) - 1]
     for b in range(len(m.r)):
@@ -97,14 +98,14 @@ def finish(m):
     run(k.project)
     run(k.accelerate)
     m.step.scheme.rank = refresh_factor(m.step)
-    _remember(m)
+    _store_start(m)
     c.max_step = min(m.memory.max_step, max(0.5 * c.h, NEAR * m.memory.failed))
     m.memory.failed *= FORGET
 
 
 @compile_inline
-def _remember(m):
-    """Keep poses, velocities, accelerations and multipliers of the kernel as the start of the next step."""
+def _store_start(m):
+    """Store poses, velocities, accelerations and multipliers of the kernel as the start of the next step."""
     k = m.step.kernel
     copy(k.r, m.r)
     copy(k.R, m.R)
@@ -114,8 +115,8 @@ def _remember(m):
 
 
 @compile_inline
-def _attempt(m, H, n):
-    """Take n steps of H / n [s] from the stored start; return whether all converge."""
+def _take_steps(m, H, n):
+    """Take ``n`` steps of H / n [s] from the stored start, until one fails; return whether all converge."""
     s, k, h = m.step, m.step.kernel, H / n
     copy(m.r, k.r)
     copy(m.R, k.R)
@@ -132,9 +133,9 @@ def _attempt(m, H, n):
 
 @compile_inline
 def _find_change(m, b, out):
-    """Set out (12,) := (r - r0, log(R0^T R), v) of body b, its change since the start of the step.
+    """Set out (12,) := (r - r0, log(R0^T R), v) of body ``b``: its change of pose since the step's start, its velocity.
 
-    Return whether its rotation is below ``WIDEST``.
+    Return whether the rotation is below ``WIDEST``.
     """
     k, R, cosine = m.step.kernel, m.R[b], -1.0
     for a in range(3):
@@ -162,7 +163,7 @@ def _extrapolate(m, H):
     Return whether all steps converge and no body turns too far.
     """
     for j in range(len(m.table)):
-        if not _attempt(m, H, j + 1):
+        if not _take_steps(m, H, j + 1):
             return False
         for b in range(len(m.r)):
             if not _find_change(m, b, m.new):
@@ -178,8 +179,8 @@ def _extrapolate(m, H):
 
 
 @compile_inline
-def _error(m, rtol):
-    """Return the step's error relative to its tolerance: the RMS of the last correction over ``rtol (1 + |y|)``.
+def _measure_error(m, rtol):
+    """Return the step's error relative to its tolerance: the RMS of T_K,K - T_K,K-1 over ``rtol (1 + |y|)``.
 
     The tolerance of angles is ``rtol``.
     """

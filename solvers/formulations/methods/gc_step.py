@@ -9,7 +9,7 @@ The method contracts by O(dt omega), and the change of v1 in the norm of M is th
 done when the change is below the tolerance. S is factorised anew where the change falls too slowly; where that does not
 help, or the rank of the rows differs from that at the start, the step does not converge. Redundant rows get no
 multiplier: the motion is that of the proximal saddle. Joints bring their part by loops, or the whole mechanism has code
-for it, both of ``rows.wrenches``.
+for it, both of ``rows.wrenches``. ``step`` is the bundle of ``make_step``, and its ``scheme`` has settings and state.
 """
 
 import math
@@ -23,7 +23,7 @@ from ..compiled import bundles
 from ..compiled.algebra import clear, copy, multiply, multiply_transposed, turn_rotation
 from ..compiled.bundles import make_record
 from ..compiled.entries import BoundFunction, compile_inline, run
-from ..compiled.evaluation import times_inverse_mass
+from ..compiled.evaluation import multiply_by_inverse_mass
 from ..compiled.kernel import ElementGroup, Kernel, Loops, list_places
 from ..compiled.mechanism import list_choice_arrays, make_choosing_program, make_mechanism_code
 from ..compiled.row_choice import NEVER
@@ -96,9 +96,10 @@ PARTS = (
 def allocate_step(
     kernel: Kernel, control: np.ndarray, settings: Settings, arrays: Any, state: Any, entries: Any, **given: Any
 ) -> Any:
-    """Make the bundle of a step of ODE-GC: zero ``arrays``, scheme of settings and ``state``, entries still unset.
+    """Make the bundle of a step of ODE-GC: zero ``arrays``, ``given`` values, and ``entries`` still unset (0).
 
-    Its plan has dt/2, B = dt/2 times the switch of the B term (``rate``), and the gauge.
+    Its record ``scheme`` has the settings and ``state``; its record ``plan`` has dt/2 (``half``), B = dt/2 times the
+    switch of the B term (``rate``), both 0 at first, and the gauge.
     """
     given["scheme"] = make_record(**settings.numbers(), **state)
     given["plan"] = make_record(half=0.0, rate=0.0, gauge=settings.gauge)
@@ -119,11 +120,12 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, sett
 
 
 def _bind_loops(system: MultibodySystem, step: Any, settings: Settings) -> Any:
-    """Return the step with entries by loops over joints and bodies; x of ``rates`` and ``loads`` is the kernel's."""
+    """Return the step with entries by loops over joints and bodies; its poses are corrected only if ``closes_pose``."""
     kernel, loops, use_f_bar = step.kernel, Loops(system, step.kernel), bool(settings.use_f_bar)
     moving = (kernel.r, 3), (kernel.R, 9), (step.in_space, 6)
 
     def list_arrays(group: ElementGroup, code: Code) -> dict[str, list[Any]]:
+        """Return the arguments of each function ``OF_JOINTS`` for a group of joints, with memory for entries kept."""
         sizes = np.zeros(2)
         code.function("sizes", 1)(sizes.ctypes.data)
         kept0, kept1 = (np.zeros((int(group.members[0]), int(size))) for size in sizes)
@@ -165,6 +167,7 @@ def _bind_code(system: MultibodySystem, step: Any, settings: Settings) -> Any:
     r, R, v, nu = (np.zeros_like(x) for x in (k.r, k.R, k.v, step.nu))
 
     def program(*calls: tuple[str, list[np.ndarray]]) -> Program:
+        """Return the program of calls of the code's functions, given by name and arguments."""
         return Program([(code.address(name), arrays) for name, arrays in calls], (code, k))
 
     iterated = [step.known, start, step.nu, factor, v, nu, step.square]
@@ -179,7 +182,7 @@ def _bind_code(system: MultibodySystem, step: Any, settings: Settings) -> Any:
 
 @compile_inline
 def begin_march(step):
-    """Prepare the first step from acceleration and multipliers of index 1; the rank of S becomes that of the march."""
+    """Prepare the first step from acceleration and multipliers of index 1, and store the rank of S for the march."""
     run(step.kernel.accelerate)
     run(step.factor)
     step.scheme.rank = step.found.rank
@@ -199,7 +202,7 @@ def refresh_factor(step):
 
 @compile_inline
 def restart(step, v_dot, lam):
-    """Restart the estimate of the next step from ``v_dot`` and ``lam`` alone, as means of a step before it."""
+    """Restart the estimate of the next step from ``v_dot`` (nb, 6) and ``lam`` (nrows,), as means of one past step."""
     copy(v_dot, step.acceleration[0])
     copy(lam, step.impulse[0])
     step.scheme.known = 1
@@ -208,18 +211,18 @@ def restart(step, v_dot, lam):
 
 @compile_inline
 def _turn_to_space(kernel, v, in_space):
-    """Set in_space := (r_dot, R Omega), the velocities ``v`` in space."""
+    """Set in_space := (r_dot, R Omega), the velocities ``v`` (nb, 6) in space, with R of the kernel."""
     copy(v, in_space)
     for b in range(len(kernel.mass)):
         in_space[b, 3], in_space[b, 4], in_space[b, 5] = multiply(kernel.R[b], v[b, 3], v[b, 4], v[b, 5])
 
 
 @compile_inline
-def _to_velocities(kernel, w):
-    """Convert impulses ``w`` in space to velocities, w := M^-1 R^T w."""
+def _convert_to_velocities(kernel, w):
+    """Convert impulses ``w`` (nb, 6) in space to velocities, w := M^-1 R^T w, with R of the kernel."""
     for b in range(len(kernel.mass)):
         w[b, 3], w[b, 4], w[b, 5] = multiply_transposed(kernel.R[b], w[b, 3], w[b, 4], w[b, 5])
-    times_inverse_mass(kernel.mass, kernel.J_inv, w)
+    multiply_by_inverse_mass(kernel.mass, kernel.J_inv, w)
 
 
 @compile_inline
@@ -242,7 +245,7 @@ def move_poses(step):
 
 @compile_inline
 def begin_step(step, h):
-    """Begin a step of h [s] at the state of the kernel: copy it, and compute what does not depend on the end."""
+    """Begin a step of h [s] at the state of the kernel: copy it, and compute the terms that its end does not change."""
     set_plan(step, h)
     copy(step.kernel.r, step.r0)
     copy(step.kernel.R, step.R0)
@@ -251,7 +254,10 @@ def begin_step(step, h):
 
 
 def begin_by_loops(step):
-    """Compute the impulses ``known`` of a step, which do not depend on its end, by loops over joints."""
+    """Compute ``known``, the part of w that the end of the step does not change, by loops over joints.
+
+    ``f_bar0`` and ``slip`` of the start are computed, too.
+    """
     kernel, h = step.kernel, 2.0 * step.plan.half
     for b in range(len(kernel.mass)):
         v = kernel.v[b]
@@ -265,7 +271,10 @@ def begin_by_loops(step):
 
 @compile_inline
 def _estimate(step, h, t):
-    """Estimate v1 and nu1 of a step of h [s] by earlier accelerations and row forces, extrapolated to its middle t."""
+    """Estimate v1 and nu1 of a step of h [s]: accelerations and row forces of past steps, extrapolated to its middle t.
+
+    The polynomial is Lagrange's, through as many past steps as are known, at their middles.
+    """
     kernel, known = step.kernel, min(step.scheme.known, len(step.middle))
     for d in range(known):
         step.weight[d] = h
@@ -285,7 +294,10 @@ def _estimate(step, h, t):
 
 
 def factor_by_loops(step):
-    """Factorise S at the poses of the kernel by loops; set ``found``, log10 det S of kept rows with a unit diagonal."""
+    """Factorise S at the poses of the kernel by loops; set ``found``: its rank and log10 of its determinant.
+
+    The determinant is that of the rows kept, scaled to a diagonal of one.
+    """
     kernel, blocks, total = step.kernel, step.kernel.blocks, 0.0
     run(kernel.rows)
     run(kernel.factorise)
@@ -300,7 +312,10 @@ def factor_by_loops(step):
 
 @compile_inline
 def _factor(step):
-    """Factorise S, and set nu of rows left out to zero; return whether S has the rank of the march's start."""
+    """Factorise S, and set nu of rows left out to zero; return whether S has the rank of the march's start.
+
+    The determinant of S, and its change since the last factor, are stored in ``scheme``.
+    """
     scheme, found = step.scheme, step.found
     run(step.factor)
     copy(step.nu, step.kernel.rhs)
@@ -314,12 +329,12 @@ def _factor(step):
 
 
 def iterate_by_loops(step):
-    """Correct v and nu of the end once by loops over joints; set ``square`` [J] to the square of the change of v."""
+    """Correct v and nu of the end once by loops over joints; set ``square`` [J] to dv . M dv of the change of v."""
     kernel, share, total = step.kernel, 1.0 / (1.0 - step.scheme.gauge), 0.0
     _turn_to_space(kernel, kernel.v, step.in_space)
     copy(step.known, kernel.w)
     run(step.impulses)
-    _to_velocities(kernel, kernel.w)
+    _convert_to_velocities(kernel, kernel.w)
     _turn_to_space(kernel, kernel.w, step.in_space)
     run(step.rates)
     run(kernel.solve)
@@ -327,7 +342,7 @@ def iterate_by_loops(step):
         step.nu[a] += share * kernel.rhs[a]
     clear(step.load)
     run(step.loads)
-    _to_velocities(kernel, step.load)
+    _convert_to_velocities(kernel, step.load)
     for b in range(len(kernel.mass)):
         change = step.load[b]
         for a in range(6):
@@ -351,16 +366,16 @@ def correct_by_loops(kernel):
 
 @compile_inline
 def find_end(step, h, t):
-    """Find the end of the step begun, of h [s] with its middle at t; return the last change of v1 [sqrt(J)].
+    """Find the end of the step begun, of h [s] with its middle at t [s]; return the last change of v1 [sqrt(J)].
 
-    Return -1 where it does not converge, or where S has not the rank of the march's start.
+    Return -1 where the iteration does not converge, or where the rank of S differs from that at the march's start.
     """
     scheme = step.scheme
     _estimate(step, h, t)
     move_poses(step)
     scheme.refreshed = 0
     if scheme.fall < SINKING or scheme.rank < len(step.nu):
-        # near a loss of rank, or with redundant rows, whose factor is exact at its own poses alone
+        # a new factor near a loss of rank, or with redundant rows, whose factor is exact at its own poses alone
         scheme.factored = 0
     return math.sqrt(step.square[0]) if iterate(step, _sweep, _classify, MOST) else -1.0
 
@@ -386,7 +401,11 @@ def _sweep(step, i, stale):
 
 @compile_inline
 def _classify(step, i, change, last):
-    """Return the state of the iteration: where ``change`` falls slowly, S is stale, up to a number of factors."""
+    """Return SETTLED, GO_ON, STALE or FAILED by the change of v [sqrt(J)] in this sweep and in the last.
+
+    Where it falls slowly, S is stale until ``REFRESHES`` factors were made in this step, or more if rows were chosen
+    anew; then the iteration fails unless the change is halved.
+    """
     scheme = step.scheme
     if not np.isfinite(change) or i + 1 == MOST:
         return FAILED
@@ -402,7 +421,10 @@ def _classify(step, i, change, last):
 
 @compile_inline
 def accept_step(step, h, t):
-    """Store the means of the step of h [s] just solved, with its middle at t, for the estimate of the next ones."""
+    """Store the mean acceleration and row forces of the step of h [s] just solved, whose middle is at t [s].
+
+    The next steps are estimated by them. Where nu is carried (``keep_nu``), ``nu_start`` becomes nu of the end.
+    """
     scheme = step.scheme
     scheme.known += 1
     d = (scheme.known - 1) % len(step.middle)

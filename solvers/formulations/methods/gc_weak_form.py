@@ -31,7 +31,10 @@ PATIENCE, MOST_PATIENCE = 8, 1024
 def integrate_weak_form(
     problem: Problem, control: StepControl, choices: GaugeChoices, settings: Settings
 ) -> Trajectory:
-    """Integrate by the simplified method where it applies, else by the full one, or by plain steps with code=plain."""
+    """Integrate by the simplified method where it applies, else by the full one, or by plain steps with code=plain.
+
+    Reactions of the trajectory are interpolated from the means over the steps.
+    """
     if choices.code == "plain":
         return move_reactions_to_nodes(ode_gc.integrate(problem, control, choices, settings))
     method = make_newton_method(problem.system, settings)
@@ -41,14 +44,14 @@ def integrate_weak_form(
 
 
 def make_simplified_method(system: MultibodySystem, settings: Settings, full: Method) -> Method:
-    """Make the simplified method, for ``host.integrate``, with ``full`` for stretches where it does not converge."""
+    """Make the simplified method, for ``host.integrate``, with ``full`` for steps on which it does not converge."""
 
     def make_fallback(problem: Problem, simple: Marcher) -> Marcher | FallbackMarcher:
-        """Return the march by both methods, or by the full one alone where the simplified one is not to be used.
+        """Return a marcher of both methods, or of the full one alone where the simplified one must not be used.
 
-        Dropped pivots are the proximal saddle's motion; the plain weak form has none to offer. Where nothing
-        accelerates and no row bears a load (a body in uniform rotation), the full method takes no correction and adds
-        no rounding.
+        It must not where rows are redundant, unless the augmented Lagrangian form is asked for, whose motion it gives
+        by leaving rows out; nor where nothing accelerates and no row bears a load, as with a body in uniform rotation:
+        there the full method takes no correction and adds no rounding.
         """
         k = simple.kernel
         dropped = not settings.active and int(k.state["rank"]) < len(k.lam)
@@ -74,9 +77,10 @@ def make_simplified_method(system: MultibodySystem, settings: Settings, full: Me
 
 
 class FallbackMarcher:
-    """A march by the simplified method, and by the full one for stretches in which that does not converge."""
+    """A march by the simplified method, and by the full one from each step on which that does not converge."""
 
     def __init__(self, problem: Problem, simple: Marcher, full: Method) -> None:
+        """Begin with the simplified method's marcher, whose control and start this march shares."""
         self._problem, self._simple, self._full = problem, simple, full
         self.state, self.kernel, self.reaction = simple.state, simple.kernel, simple.reaction
         self._other: Marcher | None = None
@@ -93,9 +97,9 @@ class FallbackMarcher:
     def stretch(self, n: int) -> Record:
         """March up to ``n`` steps by one of the methods; return the record of those accepted.
 
-        The full method's steps begin and end anywhere, the simplified one's on the grid of dt. Of the full method the
-        most steps in a row double from call to call, while the simplified one does not converge. Where the full method
-        limits rotations, which the simplified one does not, it goes on to the end.
+        The full method's steps may be cut, the simplified one's are those of the grid of dt. The number of steps that
+        the full method takes in a row doubles from call to call, as long as the simplified one fails soon after. Where
+        the full method limits rotations, which the simplified one does not, it goes on to the end.
         """
         control, other = self.state, self._other
         limited = other is not None and np.isfinite(other.bundle.scheme["max_turn"])
@@ -118,9 +122,10 @@ class FallbackMarcher:
         return record
 
     def _join_determinants(self, marcher: Marcher, record: Record) -> None:
-        """Change the determinants of ``record`` in place, so that those of both methods form one series without a jump.
+        """Change the logarithms of determinants in ``record`` by a constant, so that both methods give one series.
 
-        The methods drop different redundant rows, so the ratio of their determinants changes.
+        The methods drop different redundant rows, so their determinants differ by a factor. Without a penalty there are
+        no determinants.
         """
         log_det = record.diagnostics[:, DETERMINANT:]  # none without a penalty
         if log_det.size:
@@ -131,7 +136,10 @@ class FallbackMarcher:
             self._level = log_det[-1, 0]
 
     def _hand_over(self) -> None:
-        """Pass the start of the step that the simplified method does not solve to the full one, with its last steps."""
+        """Set the full method to the start of the step that the simplified one did not solve, with its last two steps.
+
+        The full method's marcher is made at the first call.
+        """
         if self._other is None:
             with making_code:
                 self._other = Marcher(self._problem, self._full, self.state)
@@ -153,10 +161,10 @@ class FallbackMarcher:
             terms.nu_change[:] = terms.nu_old - scale * simple.impulse[before] if known > 1 else 0.0
 
     def _return_to_simplified(self, full: Any) -> None:
-        """Copy pose, velocity, nu_start and time from the full method to the simplified one, with its last step.
+        """Copy pose, velocity, nu_start and time from ``full``, the full method's bundle, to the simplified method.
 
-        That becomes the only known past step: its acceleration is (v - v_old) / h, its impulse per time nu_change / h
-        where nu is kept, else (1 - gauge) nu_old / h, the inverse of ``_hand_over``.
+        The last step becomes the only known past step: its acceleration is (v - v_old) / h, its impulse per time is
+        nu_change / h where nu is kept, else (1 - gauge) nu_old / h, the inverse of ``_hand_over``.
         """
         simple, terms, h = self._simple.bundle, full.terms, float(full.scheme["last"])
         k, end = simple.kernel, full.kernel
@@ -177,7 +185,7 @@ def start(step):
 def take_step(step):
     """Take one step of ``control.h``; set ``control.status`` to STUCK where it does not converge.
 
-    Its start stays in ``r0``, ``R0``, ``v0``.
+    The step is begun here unless ``finish`` has begun it. Its start stays in ``r0``, ``R0``, ``v0``.
     """
     control, scheme = step.control, step.scheme
     step.diagnostics[ITERATIONS] = control.iterations
@@ -192,7 +200,8 @@ def take_step(step):
 def finish(step):
     """Correct the poses of the end, store the step for later estimates, and set ``lam`` to its mean reaction.
 
-    The next step is begun here, since its f_bar at the start is the one at this step's end.
+    The next step is begun here, since the mean reaction needs f_bar at the end, which is that at the next start. The
+    diagnostics of the step are set.
     """
     control, scheme, kernel, total = step.control, step.scheme, step.kernel, 0.0
     run(step.correct)

@@ -8,7 +8,8 @@ Brasey and Hairer 1993, SIAM J. Numer. Anal. 30, five stages (HEM4); with R = R_
 Q_{i+1} does not depend on lam_i, so each lam_i is found from linear equations, A(Q_{i+1}) M^-1 A(Q_i)^T dlam = the
 residual of A V: by generalised conjugate residuals (Eisenstat, Elman, Schultz 1983, SIAM J. Numer. Anal. 20) with the S
 of the step's start as preconditioner. Repetition with S alone does not converge where light bodies turn, nor where S is
-nearly singular. lam at the ends of steps, which are recorded, are those of index 1.
+nearly singular. lam at the ends of steps, which are recorded, are those of index 1. ``s`` is the bundle of a step,
+``k`` its kernel, ``c`` its control.
 """
 
 import math
@@ -24,7 +25,7 @@ from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import NOT_FINITE, STUCK, TURNED
 from .iteration import FAILED, GO_ON, MOST_ITERATIONS, SETTLED, iterate
-from .products import add_scaled, move, set_rates
+from .products import add_scaled, displace_poses, set_rates
 
 STAGES = 5
 # directions kept at most, and numbers in all of them; half and twice of the first change no bit of a chain of 48 rows,
@@ -60,7 +61,7 @@ def make_half_explicit_method(tolerance: float) -> Method:
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Any:
-    """Make the bundle of a step, with arrays for trial multipliers and their effect on the residual."""
+    """Make the bundle of a step, with arrays for directions of multipliers and their effect on the residual."""
     nr = len(kernel.lam)
     depth = max(1, min(DIRECTIONS, nr, NUMBERS // max(nr, 1)))
     tried = {"tried": f"{depth} nr", "reached": f"{depth} nr"}
@@ -77,7 +78,10 @@ def start(s):
 
 
 def step(s):
-    """Compute all stages of a step of ``control.h``, with the factor of its start; the last is its end."""
+    """Compute all stages of a step of ``control.h``, with the factor of its start; the sixth is its end.
+
+    Where a stage fails, ``control.status`` is set to NOT_FINITE, TURNED or STUCK.
+    """
     c, k = s.control, s.kernel
     copy(k.r, s.r0)
     copy(k.R, s.R0)
@@ -86,22 +90,22 @@ def step(s):
     k.t[0] = c.t
     run(k.rows)
     for i in range(STAGES):
-        _slope(s, k, i)
+        _compute_slope(s, k, i)
         c.status = _next_stage(s, k, c, i)
         if c.status != 0:
             break
 
 
 def finish(s):
-    """Compute multipliers of index 1 at the end, and project it onto the constraints with the factor there."""
+    """Compute multipliers of index 1 at the end of the step, and project it onto the constraints by the same factor."""
     run(s.kernel.accelerate)
     run(s.kernel.project)
     s.control.factorisations += 1
 
 
 @compile_inline
-def _slope(s, k, i):
-    """Compute q' and V' of stage i with the multipliers of the last one, and keep a copy of the stage's rows."""
+def _compute_slope(s, k, i):
+    """Compute q' and V' of stage i with the multipliers ``k.lam`` found last, and copy the rows of the stage."""
     run(k.forces)
     copy(k.force, k.w)
     run(k.divide)
@@ -119,7 +123,7 @@ def _slope(s, k, i):
 def _next_stage(s, k, c, i):
     """Compute poses and velocities of stage i + 1, and the multipliers of stage i.
 
-    Return the status of the step, 0 on success.
+    Return the status of the step: 0, NOT_FINITE, TURNED where a body turns by more than half a turn, or STUCK.
     """
     for b in range(len(k.v)):
         for a in range(6):
@@ -133,7 +137,7 @@ def _next_stage(s, k, c, i):
             return NOT_FINITE
         if turn > math.pi**2:
             return TURNED
-    move(s.r0, s.R0, s.q, k.r, k.R)
+    displace_poses(s.r0, s.R0, s.q, k.r, k.R)
     k.t[0] = c.t + c.h * s.c[i + 1]
     run(k.rows)
     s.scheme.stage, s.scheme.weight = i, c.h * s.a[i + 1, i]
@@ -142,7 +146,7 @@ def _next_stage(s, k, c, i):
 
 @compile_inline
 def _find_multipliers(s, k):
-    """Correct lam of the stage so that A V + phi_t = 0 at the poses of ``k``; return the step's status, 0 if it is."""
+    """Correct lam of the stage until A V + phi_t = 0 at the poses of ``k``; return 0, or STUCK if that fails."""
     copy(k.v, k.w)
     run(k.slips)
     _solve(k, s.left)
@@ -151,7 +155,7 @@ def _find_multipliers(s, k):
 
 @compile_inline
 def _classify(s, i, size, last):
-    """Return the state of the conjugate residuals: they end with a correction of velocities within the tolerance."""
+    """Return SETTLED where the correction of velocities, ``size``, is within the tolerance, FAILED if not finite."""
     if not math.isfinite(size):
         return FAILED
     return SETTLED if size <= s.scheme.tolerance else GO_ON
@@ -159,9 +163,10 @@ def _classify(s, i, size, last):
 
 @compile_inline
 def _sweep(s, n, stale):
-    """Correct lam by the direction ``n``; return the largest change of velocities by the whole residual.
+    """Correct lam and V once, by direction ``n`` of the conjugate residuals; return a change of V, its largest entry.
 
-    NaN where that direction vanishes.
+    It is the change by S^-1 times the whole residual. Within the tolerance it is applied as it is; else the residual
+    becomes a direction, orthogonal in its effect to those before. Return NaN where a direction has no effect.
     """
     k, g, depth = s.kernel, s.scheme, len(s.tried)
     p, q, share = s.tried[n % depth], s.reached[n % depth], 1.0
@@ -173,15 +178,15 @@ def _sweep(s, n, stale):
         _solve(k, q)
         for j in range(min(n, depth)):
             if j != n % depth:
-                shared = _product(q, s.reached[j])
+                shared = _take_scalar_product(q, s.reached[j])
                 add_scaled(-shared, s.reached[j], q)
                 add_scaled(-shared, s.tried[j], p)
-        size = math.sqrt(_product(q, q))
+        size = math.sqrt(_take_scalar_product(q, q))
         if not size > 0.0:
             return np.nan
         for a in range(len(q)):
             p[a], q[a] = p[a] / size, q[a] / size
-        share = _product(q, s.left)
+        share = _take_scalar_product(q, s.left)
         add_scaled(-share, q, s.left)
         _apply_multipliers(k, p)
     for b in range(len(k.v)):
@@ -193,7 +198,7 @@ def _sweep(s, n, stale):
 
 @compile_inline
 def _solve(k, out):
-    """Set out := S^-1 x, with x the kernel's ``x``."""
+    """Set out := S^-1 x for the kernel's ``x``, with the factor of the step's start."""
     copy(k.x, k.rhs)
     run(k.solve)
     copy(k.rhs, out)
@@ -209,8 +214,8 @@ def _apply_multipliers(k, x):
 
 
 @compile_inline
-def _product(x, y):
-    """Return the scalar product of x and y."""
+def _take_scalar_product(x, y):
+    """Return the scalar product of x and y, both (n,)."""
     out = 0.0
     for a in range(len(x)):
         out += x[a] * y[a]

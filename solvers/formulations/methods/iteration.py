@@ -19,11 +19,12 @@ iterate = compile_inline(iteration.iterate)
 
 @compile_inline
 def classify_by_fall(s, i, size, last):
-    """Return the state of an iteration that goes on below ``s.scheme.tolerance`` while it still gains a digit.
+    """Return SETTLED, GO_ON, STALE or FAILED by the size of the residuals in this sweep, ``size``, and in the last.
 
-    It settles when ``size`` is within the tolerance and no longer falls below a tenth of ``last``, or sweeps end; it
-    is STALE where ``size`` falls slowly, FAILED where it is not finite. Growth is no failure: errors in poses and
-    velocities may turn into each other before both fall.
+    It is settled when ``size`` is within ``s.scheme.tolerance`` and no longer falls below a tenth of ``last``, or when
+    sweeps end: below the tolerance it goes on while it gains a digit. S is stale where ``size`` falls slowly. A size
+    that is not finite has failed. Growth is no failure: errors in poses and velocities may turn into each other before
+    both fall.
     """
     if not np.isfinite(size):
         return FAILED

@@ -20,11 +20,12 @@ AROUND = 5  # steps on both sides whose penalty, cuts and corrections are report
 
 
 def find_passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any], ...]:
-    """Return one entry for each singular passage of a finished run, none where they cannot be searched for.
+    """Return one entry for each singular passage of a finished run.
 
-    Keys: kind ("singular passage"), t [s], smallest_singular_value there and, over ``AROUND`` steps on both sides,
-    lowest_penalty, cuts, most_corrections and worst_constraint_norm. Passages are dips of the determinant of the
-    factorisations, confirmed by the singular values of A at the dip.
+    There is none where passages cannot be searched for: with more than ``DENSE_ROWS`` rows, in less than four times, or
+    without determinants. Keys: kind ("singular passage"), t [s], smallest_singular_value there and, over ``AROUND``
+    steps on both sides, lowest_penalty, cuts, most_corrections and worst_constraint_norm. Passages are dips of the
+    determinant of the factorisations, confirmed by the singular values of A at the dip.
     """
     # plain steps record none
     if system.nrows > DENSE_ROWS or len(run.t) < 4 or "log_determinant" not in run.diagnostics:

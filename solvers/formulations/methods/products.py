@@ -13,14 +13,14 @@ def set_rates(k):
 
 
 @compile_inline
-def add_scaled(share, x, y):
-    """Add ``share`` times x to y, both arrays (n,)."""
+def add_scaled(weight, x, y):
+    """Add ``weight`` times x to y, both arrays (n,)."""
     for a in range(len(x)):
-        y[a] += share * x[a]
+        y[a] += weight * x[a]
 
 
 @compile_inline
-def move(r0, R0, change, r, R):
+def displace_poses(r0, R0, change, r, R):
     """Set the poses r, R := r0 + change_r, R0 exp(hat(change_theta)), with ``change`` (nb, 6) in m and rad."""
     for b in range(len(change)):
         for a in range(3):

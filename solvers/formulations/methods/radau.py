@@ -15,7 +15,8 @@ that their stiffness does not limit it. The last stage is the end of the step.
 
 The iteration ends where phi, h (A v + phi_t) and h^2 dvdot are below a tolerance [m]. With short steps, as far from the
 origin or in a tiny mechanism, that may leave v so far off A v + phi_t = 0 that the error test fails for any next step.
-Such a start is moved back (module ``radau_error``), and from then on iterations go on while they gain a digit.
+Such a start is moved back (module ``radau_error``), and from then on iterations go on while they gain a digit. ``s`` is
+the bundle of a step, ``g`` its kernels of the stages, stacked.
 """
 
 import math
@@ -35,7 +36,7 @@ from ..compiled.kernel import Kernel
 from ..compiled.marching import SAFETY
 from ..compiled.soft_rows import remove_springs, stack_kernels
 from .iteration import FAILED, GO_ON, SETTLED, classify_by_fall, iterate
-from .products import add_scaled, move
+from .products import add_scaled, displace_poses
 from .radau_error import close_start, estimate_error
 from .springs import ENTRIES, add_entries, make_soft_rows, set_rates
 
@@ -62,9 +63,9 @@ ARRAYS = {  # the first axis is that of the stages
 
 
 def choose_newton_tolerance(rtol: float) -> float:
-    """Return the tolerance of Newton's iteration, and of the constraints: a thousandth of ``rtol``.
+    """Return the tolerance [m] of Newton's iteration, and of the constraints: a thousandth of ``rtol``.
 
-    It is limited to 1e-13 .. 1e-10.
+    It is at least 1e-13 and at most 1e-10.
     """
     return max(1e-13, min(1e-10, 1e-3 * rtol))
 
@@ -107,7 +108,7 @@ def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tol
 
 
 def start(s):
-    """Compute vdot and lam of index 1 at the start, and minus the tensions of the springs, for the first estimate."""
+    """Store vdot and lam of index 1 at the start, and minus the springs' tensions, as those of a last step's stages."""
     k, g = s.kernel, s.stages
     run(k.accelerate)
     s.control.factorisations += 1
@@ -117,20 +118,21 @@ def start(s):
         copy(k.v, g.v[i])
         copy(k.v_dot, s.old_vdot[i])
         copy(k.lam, s.old_lam[i])
-    run(s.follow)
+    run(s.measure_springs)
     for i in range(3):
         clear(s.springs.old[i])
         add_scaled(-1.0, s.springs.tension[i], s.springs.old[i])
 
 
 def step(s):
-    """Solve for the stages of a step of ``control.h``, and estimate its error.
+    """Solve for the stages of a step of ``control.h``, and set ``control.error`` to its estimated error.
 
-    Where the iteration does not converge, the error is set so that the step is halved.
+    Where the iteration does not converge, the error is set so that the step is halved. A start whose distance from the
+    constraints makes every step fail is moved onto them, and the step is rejected.
     """
     c = s.control
     c.error = (SAFETY / 0.5) ** c.order
-    _guess(s, c.h)
+    _extrapolate_stages(s, c.h)
     for i in range(3):
         s.stages.t[i, 0] = c.t + s.c[i] * c.h
     converged = iterate(s, _sweep, _classify, MOST_ITERATIONS)
@@ -156,8 +158,11 @@ def finish(s):
 
 
 @compile_inline
-def _guess(s, h):
-    """Extrapolate vdot, lam and p by the parabola through the last step's stages; set eta = 0, theta = c h Omega_0."""
+def _extrapolate_stages(s, h):
+    """Estimate vdot, lam and p by the parabola through the last step's stages; set eta = 0 and poses by the start's v.
+
+    In the first step they are those of the start.
+    """
     last = s.scheme.before
     clear(s.vdot)
     clear(s.lam)
@@ -179,7 +184,7 @@ def _guess(s, h):
 
 @compile_inline
 def _set_poses(s, h, with_slack):
-    """Set velocities and poses of the stages from their accelerations.
+    """Set velocities and poses of the stages from their accelerations ``vdot``, for a step of h [s].
 
     With ``with_slack``, the slack z is that of eta with the rows of the last iterate; else it is zero.
     """
@@ -205,14 +210,15 @@ def _set_poses(s, h, with_slack):
                 for j in range(3):
                     x += h * s.a[i, j] * s.rate[j, b, a]
                 s.y[i, b, a] = x
-        move(s.kernel.r, s.kernel.R, s.y[i], g.r[i], g.R[i])
+        displace_poses(s.kernel.r, s.kernel.R, s.y[i], g.r[i], g.R[i])
 
 
 @compile_inline
 def _classify(s, i, size, last):
-    """Return the state of the iteration of the stages.
+    """Return SETTLED, GO_ON, STALE or FAILED by the size of the residuals in this sweep, ``size``, and in the last.
 
-    It fails where ``size`` doubles from the third sweep on. An ``exact`` one may grow and fall below the tolerance.
+    It has failed where ``size`` is not finite, or has doubled from the third sweep on, above the tolerance. It is
+    settled within the tolerance; an ``exact`` iteration goes on there while it gains a digit (``classify_by_fall``).
     """
     if not np.isfinite(size) or (i > 1 and size > take_larger(2.0 * last, s.scheme.tolerance)):
         return FAILED
@@ -223,7 +229,7 @@ def _classify(s, i, size, last):
 
 @compile_inline
 def _sweep(s, i, stale):
-    """Correct vdot, lam, eta and p of all stages once; return the size of the residuals.
+    """Correct vdot, lam, eta and p of all stages once; return the size of the residuals [m; without unit].
 
     The first sweep factorises S, and computes the response of the springs; ``i`` counts sweeps.
     """
@@ -239,24 +245,24 @@ def _sweep(s, i, stale):
         for a in range(s.off.shape[1]):
             s.off[i, a] = -g.x[i, a]
         size = take_larger(size, take_larger(find_largest(g.phi[i]), h * find_largest(s.off[i])))
-    run(s.follow)
+    run(s.measure_springs)
     if first:
         run(g.factorise[1])
         for i in range(3):
             copy(s.lam[i], g.rhs[1])
             run(g.leave_out[1])
             copy(g.rhs[1], s.lam[i])
-        run(s.respond)
+        run(s.prepare_springs)
     for i in range(3):
         size = take_larger(size, h * h * _correct_stage(s, g, h, i))
     s.scheme.changed = 0.0
-    run(s.correct)
+    run(s.correct_springs)
     return take_larger(size, h * h * s.scheme.changed)
 
 
 @compile_inline
 def _correct_stage(s, g, h, i):
-    """Correct vdot, lam and eta of stage i, springs excepted; return the largest change of vdot."""
+    """Correct vdot, lam and eta of stage i, with the pull of springs as it is; return the largest change of vdot."""
     right = g.rhs[1]
     run(g.forces[i])
     copy(g.force[i], g.w[i])

@@ -2,14 +2,14 @@
 
 Hairer and Wanner 1996, Solving Ordinary Differential Equations II, IV.8, Eq. (8.19) without its factor for stiffness.
 The stages meet the constraints. Where the start does not, and d is the change that closes it, the estimate has a part
-gamma (sum e_i) d = -2.5 d, which no shorter step reduces.
+gamma (sum e_i) d = -2.5 d, which no shorter step reduces. ``s`` is the bundle of a step, ``g`` its stages' kernels.
 """
 
 import math
 
 from ..compiled.algebra import clear, copy, find_largest
 from ..compiled.entries import compile_inline, run
-from .products import add_scaled, move
+from .products import add_scaled, displace_poses
 
 GAMMA = 1.0 / (3.0 + 3.0 ** (2.0 / 3.0) - 3.0 ** (1.0 / 3.0))  # the real eigenvalue of A
 # multiple of a gap by which its closing may move a centre: it is 1.5 at most where the iteration's tolerance is to
@@ -22,7 +22,7 @@ FARTHEST = 2.0
 def estimate_error(s, h, rtol):
     """Return the step's error relative to its tolerance: an RMS over ``rtol (1 + |y|)``, for angles over ``rtol``.
 
-    The estimate is gamma (h y'_0 + e . (y_i - y_0)).
+    The estimate is gamma (h y'_0 + sum e_i (y_i - y_0)) for y = (r, theta, v); ``h`` is the step [s].
     """
     total, start, g = 0.0, s.kernel, s.stages
     for b in range(len(start.v)):
@@ -45,8 +45,9 @@ def estimate_error(s, h, rtol):
 def close_start(s):
     """Move the start onto phi = 0 and A v + phi_t = 0 if no step from it passes, however short; return whether it did.
 
-    That is so where a step of length zero, which only closes the joints, has too large an error. Before a singular pose
-    nothing is moved. The factor is that of the step just tried; what it leaves, the next rejected one finds again.
+    No step passes where one of length zero, which only closes the joints, has too large an error. Before a singular
+    pose, where closing moves centres by more than ``FARTHEST`` gaps, nothing is moved. The factor is that of the step
+    just tried; what it leaves, the next rejected step finds again.
     """
     k, g = s.kernel, s.stages
     g.t[1, 0] = s.control.t
@@ -70,13 +71,16 @@ def close_start(s):
     hopeless = estimate_error(s, 0.0, s.control.rtol) > 1.0
     if hopeless and near:
         copy(g.v[1], k.v)
-        move(k.r, k.R, g.w[1], k.r, k.R)
+        displace_poses(k.r, k.R, g.w[1], k.r, k.R)
     return hopeless and near
 
 
 @compile_inline
 def _find_closing(g):
-    """Set w of the second stage to M^-1 A^T S^-1 rhs, which closes gaps ``rhs``; return whether centres stay near."""
+    """Set w of the second stage to M^-1 A^T S^-1 rhs, which closes the gaps in its ``rhs``.
+
+    Return whether no centre moves by more than ``FARTHEST`` times the largest gap.
+    """
     gap, farthest = find_largest(g.rhs[1]), 0.0
     run(g.solve[1])
     copy(g.rhs[1], g.x[1])

@@ -7,7 +7,7 @@ One sub-step of h from (q_0, v_0) with the factor of S at q_0 (McLachlan, Modin,
     v_1 = M^-1 (p_1 + h/2 f(q_1) + A_1^T y)       S_1 y = -A_1 (...): A_1 v_1 = 0
 
 Symplectic and time-reversible. In every step phi is below the tolerance and A v at rounding. Dampers enter f(q_1, v_1)
-by a fixed-point iteration.
+by a fixed-point iteration. ``s`` is the bundle of a step, ``k`` its kernel, ``c`` its control.
 """
 
 from functools import partial
@@ -62,7 +62,7 @@ def make_rattle_method(
 
 
 def start(s):
-    """Compute the reaction of index 1; its rows and its factor of S are those of the first step."""
+    """Store the reaction of index 1 at the start; the rows and the factor of S there serve the first step."""
     run(s.kernel.accelerate)
     s.control.factorisations += 1
     copy(s.kernel.lam, s.lam)
@@ -79,13 +79,13 @@ def step(s):
 
 
 def finish(s):
-    """Compute the reactions recorded, those of index 1, since 2 y / h is one order less accurate."""
+    """Set ``lam`` to the reactions of index 1 at the end, as 2 y / h is one order less accurate."""
     run(s.kernel.reactions)
 
 
 @compile_inline
 def _sub_step(s, k, c, h):
-    """Take one sub-step of h [s], and advance the time of ``k``; return whether phi falls below the tolerance."""
+    """Take one sub-step of h [s], and advance the time of ``k``; return whether the iteration on phi converges."""
     copy(k.r, s.r0)
     copy(k.R, s.R0)
     copy(k.v, s.half)
@@ -113,7 +113,10 @@ def _sub_step(s, k, c, h):
 
 @compile_inline
 def _sweep(s, i, stale):
-    """Correct the impulse by the last phi, and move to the end; return the size of phi there."""
+    """Correct the impulse by the last phi, and move all bodies to the end; return the largest phi there.
+
+    ``i`` counts sweeps: the first one takes the impulse as it is. S is never factorised anew, ``stale`` or not.
+    """
     k, h = s.kernel, s.scheme.h
     s.control.iterations += 1
     if i > 0:
@@ -132,7 +135,7 @@ def _sweep(s, i, stale):
 
 @compile_inline
 def _kick(s, k, h):
-    """Add h/2 M^-1 f, with the forces at the state of the kernel, to the velocities ``half``."""
+    """Add h/2 M^-1 f to the velocities ``half``, with f the applied forces at the state of the kernel."""
     run(k.applied_forces)
     for b in range(len(s.half)):
         t0, t1, t2 = k.force[b, 3], k.force[b, 4], k.force[b, 5]

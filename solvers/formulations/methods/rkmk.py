@@ -65,17 +65,17 @@ def make_pair_method(tableau: Tableau) -> Method:
 
 def start(s):
     """Compute the first slope, and the multipliers of index 1, at the start."""
-    _begin(s)
+    _set_start(s)
     copy(s.start, s.y)
-    _slope(s, s.kernel.t[0], 0)
+    _compute_slope(s, s.kernel.t[0], 0)
 
 
 def step(s):
-    """Compute the stages of a step of ``control.h`` and its error; leave the kernel at the last stage."""
+    """Compute the stages of a step of ``control.h``, and set ``control.error``; leave the kernel at the last stage."""
     c, n = s.control, len(s.b)
-    evaluate_stages(s, s, c.t, c.h, 1, _combine, _slope)
-    _slope(s, c.t + c.h, n)
-    c.error = _error(s, c.h, c.rtol)
+    evaluate_stages(s, s, c.t, c.h, 1, _set_stage, _compute_slope)
+    _compute_slope(s, c.t + c.h, n)
+    c.error = _measure_error(s, c.h, c.rtol)
 
 
 def finish(s):
@@ -83,7 +83,7 @@ def finish(s):
     k, n = s.kernel, len(s.b)
     run(k.project)
     orthogonalise_rotations(k.R)  # rotations, exact to rounding, for the start of the next step
-    _begin(s)
+    _set_start(s)
     for b in range(len(k.mass)):
         for a in range(6):
             s.slopes[0, b, a] = k.v[b, a]
@@ -91,7 +91,7 @@ def finish(s):
 
 
 @compile_inline
-def _begin(s):
+def _set_start(s):
     """Set the start of the next step to the state of the kernel: r, theta = 0, v, and R."""
     for b in range(len(s.y)):
         for a in range(3):
@@ -102,7 +102,7 @@ def _begin(s):
 
 
 @compile_inline
-def _slope(s, t, out):
+def _compute_slope(s, t, out):
     """Compute the slope y' at ``y`` and time t [s] from accelerations of index 1; store it as slope ``out``."""
     k = s.kernel
     k.t[0] = t
@@ -126,17 +126,17 @@ def _slope(s, t, out):
 
 
 @compile_inline
-def _combine(s, weights, n, h):
-    """Set y = start + h sum weights slopes, over the first ``n`` slopes."""
-    _add(s, weights, n, s.y)
+def _set_stage(s, weights, n, h):
+    """Set y := start + h sum_i weights[i] slopes[i] over the first ``n`` slopes, with h [s]."""
+    _sum_slopes(s, weights, n, s.y)
     for b in range(len(s.y)):
         for a in range(12):
             s.y[b, a] = s.start[b, a] + h * s.y[b, a]
 
 
 @compile_inline
-def _add(s, weights, n, out):
-    """Set out = sum weights slopes, over the first ``n`` slopes, each read once."""
+def _sum_slopes(s, weights, n, out):
+    """Set out (nb, 12) := sum_i weights[i] slopes[i] over the first ``n`` slopes; slopes of weight 0 are not read."""
     clear(out)
     for i in range(n):
         w, slope = weights[i], s.slopes[i]
@@ -147,15 +147,15 @@ def _add(s, weights, n, out):
 
 
 @compile_inline
-def _error(s, h, rtol):
+def _measure_error(s, h, rtol):
     """Return the step's error relative to its tolerance: the RMS of the estimate over ``rtol (1 + |y|)``.
 
-    The tolerance of angles is ``rtol``.
+    The tolerance of angles is ``rtol``. With two estimates E5, E3 it is E5^2 / sqrt(E5^2 + 0.01 E3^2), as in DOP853.
     """
     first = second = 0.0
     two, n = len(s.estimate) == 2, s.estimate.shape[1]
     for e in range(len(s.estimate)):
-        _add(s, s.estimate[e], n, s.sums[e])
+        _sum_slopes(s, s.estimate[e], n, s.sums[e])
     for b in range(len(s.y)):
         for a in range(12):
             scale = rtol if 3 <= a < 6 else rtol * (1.0 + max(abs(s.start[b, a]), abs(s.y[b, a])))

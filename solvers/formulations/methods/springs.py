@@ -11,7 +11,8 @@ other changes d of vdot Newton's equations are::
 
 dense in 3 ns unknowns, the Schur complement of M + h a D + h^2 a^2 K. Its rate does not depend on k and c, for G alone
 is frozen over the step, while forces act along the rows of each iterate. Left out: the turning of a spring under
-tension (tension / length across it).
+tension (tension / length across it). ``g`` are the kernels of the stages, ``s`` the bundle of the springs, ``k`` their
+kernels.
 """
 
 from typing import Any
@@ -24,7 +25,7 @@ from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, find_largest, take_larger
 from ..compiled.bundles import make_bundle
 from ..compiled.entries import BoundFunction, compile_inline, run
-from ..compiled.soft_rows import make_springs
+from ..compiled.soft_rows import make_spring_kernels
 from .products import add_scaled
 
 ARRAYS = {
@@ -45,7 +46,7 @@ def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: An
     ``nrows`` is the number of the mechanism's constraint rows; ``keeps`` is kept alive. ``matrix`` holds its factors
     after ``_factorise``, ``right`` the solution after ``_solve``.
     """
-    stages, made, law = make_springs(system, 3)
+    stages, made, law = make_spring_kernels(system, 3)
     ns = law.shape[1]
     matrix, right = np.zeros((3 * ns, 3 * ns)), np.zeros(3 * ns)
     return make_bundle(
@@ -100,14 +101,14 @@ def _solve(A, pivots, x):
 
 @compile_inline
 def set_rates(g, i):
-    """Set x := A w of stage ``i``, the rates of its rows at its velocities w."""
+    """Set ``g.x[i]`` := A w, the rates of the rows of stage ``i`` at the velocities w = ``g.w[i]``, without phi_t."""
     run(g.slips[i])
     for a in range(g.x.shape[1]):
         g.x[i, a] = -g.x[i, a] - g.slip[i, a]
 
 
-def follow(step):
-    """Compute rates of length and tensions of the springs at the poses and velocities of all stages.
+def measure_springs(step):
+    """Compute the springs' rows, and their tensions by the law, at the poses and velocities of all stages.
 
     ``pull`` becomes M^-1 A_s^T p.
     """
@@ -129,15 +130,15 @@ def follow(step):
 
 @compile_inline
 def _add_pull(k, i, p, w):
-    """Add M^-1 A_s^T p to w, with the springs' rows of stage ``i``."""
+    """Add M^-1 A_s^T p to w (nb, 6), with the springs' rows of stage ``i``; ``k`` are the springs' kernels."""
     copy(w, k.w[i])
     copy(p, k.x[i])
     run(k.push[i])
     copy(k.w[i], w)
 
 
-def respond(step):
-    """Compute how lam (W) and the lengths' rates (G) respond to each p, and factorise the matrix of the springs.
+def prepare_springs(step):
+    """Compute the response of lam (W) and of the lengths' rates (G) to each p, and factorise the springs' matrix.
 
     Factor and rows are those of the second stage.
     """
@@ -168,10 +169,10 @@ def respond(step):
     _factorise(s.matrix, s.pivots)
 
 
-def correct(step):
-    """Correct p, lam and vdot of all stages by the springs' equations; w are the other changes d of vdot.
+def correct_springs(step):
+    """Correct p, lam and vdot of all stages by the springs' equations; ``g.w`` are the other changes d of vdot.
 
-    ``changed`` becomes the largest change of vdot.
+    ``changed`` is raised to the largest change of vdot, where that is larger.
     """
     g, s, k, h = step.stages, step.springs, step.springs.stages, step.control.h
     ns = len(s.G)
@@ -201,10 +202,14 @@ def correct(step):
         step.scheme.changed = take_larger(step.scheme.changed, find_largest(g.w[i]))
 
 
-ENTRIES = {"follow": follow, "respond": respond, "correct": correct}  # entries of a step
+ENTRIES = {
+    "measure_springs": measure_springs,
+    "prepare_springs": prepare_springs,
+    "correct_springs": correct_springs,
+}  # entries of a step
 
 
 def add_entries(step: Any) -> Any:
-    """Return the bundle of a step with the entries of its springs, which do nothing in a system without springs."""
+    """Return the bundle of a step with the entries ``ENTRIES``; in a system without springs they do nothing."""
     some = len(step.springs.G)
     return step._replace(**{name: BoundFunction(f, step) if some else Program([]) for name, f in ENTRIES.items()})

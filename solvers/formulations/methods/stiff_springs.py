@@ -22,12 +22,15 @@ INDEPENDENT = 1e-9  # least singular value of an independent row, over the large
 
 
 def make_explainer(problem: Problem) -> Callable[[Any, int], str]:
-    """Return the function ``explain`` of a method whose iteration leaves out the slopes of forces."""
+    """Return the function ``explain`` (bundle, outcome) of a method whose iteration leaves out the slopes of forces."""
     return partial(_explain, problem)
 
 
 def _explain(problem: Problem, bundle: Any, outcome: int) -> str:
-    """Return the message for an ``outcome`` of a march; if springs stop its iteration, with the step to take."""
+    """Return the message for an ``outcome`` of a march; where springs or dampers stop its iteration, the step to take.
+
+    That is found for at most ``MOST_BODIES`` bodies; for more the general message is returned.
+    """
     if outcome == STUCK and problem.system.nb <= MOST_BODIES:
         rate = compute_fastest_rate(problem.system, problem.initial)
         if rate * float(bundle.control["h"]) > 1.0:
@@ -61,7 +64,10 @@ def compute_fastest_rate(system: MultibodySystem, s: State) -> float:
 
 
 def _force_slopes(system: MultibodySystem, s: State) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slopes of applied loads by poses and by velocities (6 nb, 6 nb), by central differences."""
+    """Return the slopes of applied loads by poses, and those by velocities, (6 nb, 6 nb) each, by central differences.
+
+    Loads are (force [space], torque [body]), poses change by (dr, dtheta), R exp(hat(dtheta)).
+    """
     nb, n = system.nb, 6 * system.nb
     size = max(float(np.max(system.gyration)), float(np.max(np.abs(s.r - s.r[0]))))
     step = np.tile(np.repeat((size or 1.0, 1.0), 3), nb) * SMALL

@@ -11,7 +11,7 @@ from ..compiled.algebra import clear, copy, multiply, take_larger
 from ..compiled.entries import compile_inline, run
 from .closing_rows import add_response, couple_rows, factor_closing, rate_rows, solve_closing, store_multipliers
 from .limbs import ClosingRows, Limbs
-from .sweeps import move_to, turn_about_centre
+from .sweeps import find_spin_momentum, move_to
 from .twists import cross
 
 
@@ -60,14 +60,17 @@ class ProjectedTree(NamedTuple):
 
 
 def accelerate_tree(s: Any) -> None:
-    """Compute ``q_dot``, ``u_dot`` and the ``least`` pivot of the closing rows from t, q and u, in the bundle ``s``."""
+    """Set ``q_dot``, ``u_dot`` and ``least``, the least relative pivot of closing rows, from t, q and u.
+
+    ``s`` is an ``AcceleratedTree``.
+    """
     s.least[0] = _accelerate(s)
     rate_coordinates(s.limbs, s.q, s.u, s.q_dot)
 
 
 @compile_inline
 def _accelerate(s: Any) -> float:
-    """Compute ``u_dot`` and the multipliers ``mu`` of the rows in use; return their least pivot, at most 1."""
+    """Set ``u_dot`` and the multipliers ``mu`` of the rows in use; return their least relative pivot, at most 1."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
     move_to(l, s.q, s.u)
@@ -96,13 +99,16 @@ def _accelerate(s: Any) -> float:
 
 @compile_inline
 def set_loads(l: Any) -> None:
-    """Set the load of each limb to its forces less the inertia forces of the accelerations ``bias``, about P."""
+    """Set ``load`` of each limb, about P in space, to its applied forces less its momentum's rate at ``bias``.
+
+    ``bias`` are the accelerations (angular, of P) of the limbs.
+    """
     for k in range(len(l.parent)):
         body, m, bias, load = l.body[k], l.mass[k], l.bias[k], l.load[k]
         x, y, z = l.c[k, 0], l.c[k, 1], l.c[k, 2]
         a, b, c = _accelerate_centre(l, k, bias)
         f0, f1, f2 = l.force[body, 0] - m * a, l.force[body, 1] - m * b, l.force[body, 2] - m * c
-        a, b, c = turn_about_centre(l, k, bias[0], bias[1], bias[2])
+        a, b, c = find_spin_momentum(l, k, bias[0], bias[1], bias[2])
         n0, n1, n2 = multiply(l.R[body], l.force[body, 3], l.force[body, 4], l.force[body, 5])
         m0, m1, m2 = cross(x, y, z, f0, f1, f2)
         load[0], load[1], load[2] = n0 - a + m0, n1 - b + m1, n2 - c + m2
@@ -111,7 +117,7 @@ def set_loads(l: Any) -> None:
 
 @compile_inline
 def _accelerate_centre(l: Any, k: int, a: Any) -> Any:
-    """Return the acceleration of limb k's C [m/s2, space]; ``a`` is (angular acceleration, acceleration of P)."""
+    """Return the acceleration [m/s2, space] of C of limb ``k``; ``a`` is (angular acceleration, acceleration of P)."""
     d0, d1, d2 = _compute_centripetal(l, k)
     e0, e1, e2 = cross(a[0], a[1], a[2], l.c[k, 0], l.c[k, 1], l.c[k, 2])
     return a[3] + d0 + e0, a[4] + d1 + e1, a[5] + d2 + e2
@@ -119,7 +125,7 @@ def _accelerate_centre(l: Any, k: int, a: Any) -> Any:
 
 @compile_inline
 def add_centripetal(l: Any, k: int, a: Any, out: Any) -> None:
-    """Set ``out`` to limb k's accelerations ``a`` plus the centripetal acceleration of C about P."""
+    """Set ``out`` to the accelerations ``a`` of limb ``k`` plus the centripetal acceleration of C about P."""
     d0, d1, d2 = _compute_centripetal(l, k)
     out[0], out[1], out[2] = a[0], a[1], a[2]
     out[3], out[4], out[5] = a[3] + d0, a[4] + d1, a[5] + d2
@@ -127,7 +133,7 @@ def add_centripetal(l: Any, k: int, a: Any, out: Any) -> None:
 
 @compile_inline
 def _compute_centripetal(l: Any, k: int) -> Any:
-    """Return omega x (omega x c), the centripetal acceleration of limb k's C about P."""
+    """Return omega x (omega x c), the centripetal acceleration [m/s2] of C of limb ``k`` about P."""
     w0, w1, w2 = l.motion[k, 0], l.motion[k, 1], l.motion[k, 2]
     x, y, z = cross(w0, w1, w2, l.c[k, 0], l.c[k, 1], l.c[k, 2])
     return cross(w0, w1, w2, x, y, z)
@@ -147,9 +153,10 @@ def rate_coordinates(l: Any, q: Any, u: Any, out: Any) -> None:
 
 @compile_inline
 def rate_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> None:
-    """Set four numbers of ``out``, from j on, to ``factor`` times the quaternion product (0, w) x.
+    """Set four entries of ``out``, from index ``j`` on, to ``factor`` times the quaternion product (0, w) x.
 
-    w are the three numbers of ``u`` from i on, x the four of ``q`` from j on.
+    w are the three entries of ``u`` from ``i`` on, x the four of ``q`` from ``j`` on. With factor 1/2 that is the rate
+    of the quaternion x at the angular velocity w.
     """
     a, b, c = u[i], u[i + 1], u[i + 2]
     s, x, y, z = q[j], q[j + 1], q[j + 2], q[j + 3]
@@ -159,8 +166,8 @@ def rate_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> 
 
 
 @compile_inline
-def normalise(l: Any, q: Any) -> None:
-    """Normalise the quaternions of balls in ``q`` to length 1."""
+def normalise_quaternions(l: Any, q: Any) -> None:
+    """Normalise the quaternions of ball joints in ``q`` to length 1, in place."""
     for k in range(len(l.parent)):
         if l.ball[k]:
             j = l.q_at[k] + l.slides[k]
@@ -170,7 +177,10 @@ def normalise(l: Any, q: Any) -> None:
 
 
 def couple_tree(s: Any) -> None:
-    """Compute the factor of H, and the lower half of S = J H^-1 J^T of the rows in use, at t, q and u."""
+    """Factorise H, and compute the lower half of S = J H^-1 J^T of the closing rows in use, at t, q and u.
+
+    ``s`` is a ``CoupledTree``.
+    """
     l = s.limbs
     l.t[0] = s.t[0]
     move_to(l, s.q, s.u)
@@ -181,10 +191,11 @@ def couple_tree(s: Any) -> None:
 
 
 def project_tree(s: Any) -> None:
-    """Compute accelerations at t, q and u, project q and u onto the loops, and compute q_dot there.
+    """Compute accelerations at t, q and u, then project q onto phi = 0 and u onto phi_dot = 0 of the loops.
 
-    Set are ``q_after``, ``u_after`` and ``q_dot`` after the projection, ``u_dot`` and ``lam`` before it, the ``least``
-    pivot, and ``gap``, the largest |phi| after it of the rows that are left out.
+    ``s`` is a ``ProjectedTree``. Set are ``q_after``, ``u_after`` and ``q_dot`` after the projection, ``u_dot`` and
+    ``lam`` before it, the ``least`` pivot, and ``gap``, the largest |phi| after the projection of the rows that are
+    left out.
     """
     l, c = s.limbs, s.closing
     s.least[0] = _accelerate(s)
@@ -201,7 +212,7 @@ def project_tree(s: Any) -> None:
         rate_coordinates(l, s.q, s.change, s.q_moved)
         for i in range(len(s.q)):
             s.q_after[i] += s.q_moved[i]
-    normalise(l, s.q_after)
+    normalise_quaternions(l, s.q_after)
     if len(c.joint) > 0:
         move_to(l, s.q_after, s.u)
         run(c.evaluate)

@@ -10,13 +10,13 @@ from .twists import cross
 
 @compile_inline
 def add_row(s: Any, c: Any, a: int, x: float) -> None:
-    """Add the load of closing row ``a`` with the multiplier ``x`` to the loads of the limbs of both its bodies."""
+    """Add the wrench of closing row ``a`` with the multiplier ``x`` to ``load`` of both its bodies' limbs, about P."""
     for e in range(2):
         body = c.body[c.joint[a], e]
         if body < 0:
             continue
-        l, side = c.limb[body], x * (1.0 - 2.0 * e)
-        f0, f1, f2 = side * c.way[a, 0], side * c.way[a, 1], side * c.way[a, 2]
+        l, sign = c.limb[body], x * (1.0 - 2.0 * e)
+        f0, f1, f2 = sign * c.way[a, 0], sign * c.way[a, 1], sign * c.way[a, 2]
         n0, n1, n2 = multiply(s.R[body], x * c.X[e, a, 0], x * c.X[e, a, 1], x * c.X[e, a, 2])
         m0, m1, m2 = cross(s.c[l, 0], s.c[l, 1], s.c[l, 2], f0, f1, f2)
         load = s.load[l]
@@ -30,7 +30,7 @@ def add_row(s: Any, c: Any, a: int, x: float) -> None:
 
 @compile_separately
 def rate_rows(s: Any, c: Any, motion: Any) -> None:
-    """Set ``rates`` to J V of all closing rows for the limbs' ``motion`` V, velocities or accelerations."""
+    """Set ``rates`` of all closing rows to J V, with V the limbs' ``motion``: velocities or accelerations."""
     for j in range(len(c.body)):
         first, last = c.row[j], c.row[j + 1]
         for a in range(first, last):
@@ -39,18 +39,18 @@ def rate_rows(s: Any, c: Any, motion: Any) -> None:
             body = c.body[j, e]
             if body < 0:
                 continue
-            l, side = c.limb[body], 1.0 - 2.0 * e
+            l, sign = c.limb[body], 1.0 - 2.0 * e
             w = s.rate[body]
             set_rate(s, l, motion[l], w)
             for a in range(first, last):
-                c.rates[a] += side * (c.way[a, 0] * w[0] + c.way[a, 1] * w[1] + c.way[a, 2] * w[2]) + (
+                c.rates[a] += sign * (c.way[a, 0] * w[0] + c.way[a, 1] * w[1] + c.way[a, 2] * w[2]) + (
                     c.X[e, a, 0] * w[3] + c.X[e, a, 1] * w[4] + c.X[e, a, 2] * w[5]
                 )
 
 
 @compile_separately
 def couple_rows(s: Any, c: Any) -> None:
-    """Compute the response ``Y`` = H^-1 J^T to each row in use, and the lower half of S = J H^-1 J^T."""
+    """Set ``Y`` to H^-1 J^T, the response to each row in use, and the lower half of ``S`` to J H^-1 J^T."""
     m = len(c.kept)
     clear(s.effort)
     for k in range(m):
@@ -66,9 +66,9 @@ def couple_rows(s: Any, c: Any) -> None:
 
 @compile_separately
 def factor_closing(s: Any, c: Any) -> float:
-    """Compute responses and S, factorise S = L D L^T in place, with 1/D on its diagonal; return the least pivot.
+    """Compute the responses and S, and factorise S = L D L^T in place, with 1/D on the diagonal.
 
-    Pivots are relative to their values where the order of rows was found; the result is at most 1.
+    Return the least pivot relative to its value where the order of rows was found, at most 1; 1 without rows.
     """
     m, least = len(c.kept), 1.0
     if m > 0:
@@ -88,7 +88,7 @@ def factor_closing(s: Any, c: Any) -> float:
 
 @compile_separately
 def solve_closing(c: Any) -> None:
-    """Solve S x = mu with the factor of S; ``mu`` is replaced by x."""
+    """Replace ``mu`` by the solution x of S x = mu, with the factor of S."""
     m = len(c.kept)
     for i in range(m):
         x = c.mu[i]
@@ -104,7 +104,7 @@ def solve_closing(c: Any) -> None:
 
 @compile_inline
 def add_response(c: Any, x: Any) -> None:
-    """Add Y^T mu, the response of the velocities to the multipliers of the rows in use, to ``x``."""
+    """Add Y^T mu to ``x``: the response of velocities, or accelerations, to the multipliers of the rows in use."""
     for k in range(len(c.kept)):
         for i in range(len(x)):
             x[i] += c.mu[k] * c.Y[k, i]

@@ -23,8 +23,8 @@ NO_INERTIA = "needs inertia for each velocity of a joint; a point mass on a ball
 Calls = list[tuple[int, list[np.ndarray]]]
 
 
-def too_many_rows(rows: int) -> str:
-    """Return the refusal of a mechanism with ``rows`` closing rows, which are too many."""
+def refuse_rows(rows: int) -> str:
+    """Return the refusal of a mechanism with ``rows`` closing rows, more than ``MOST_ROWS``."""
     return f"eliminates the rows of closed loops densely, up to {MOST_ROWS} of them (got {rows}): use rkmk_dop853"
 
 
@@ -46,10 +46,11 @@ class TreeMechanism:
     operations = 0  # none are made
 
     def __init__(self, system: MultibodySystem, tree: Tree) -> None:
+        """Build the arrays of the tree, and choose the independent closing rows at the start."""
         self.system, self.tree, self.mechanism = system, tree, make_mechanism(system, tree)
         self.rows = len(self.mechanism.closing.phi)
         if self.rows > MOST_ROWS:
-            raise ValueError(too_many_rows(self.rows))
+            raise ValueError(refuse_rows(self.rows))
         self.at_start = self.couple_at(0.0, tree.start)
         if not np.all(np.isfinite(self.mechanism.limbs.D)) or not _has_inertia(self.mechanism):
             raise ValueError(NO_INERTIA)
@@ -68,16 +69,17 @@ class TreeMechanism:
         return f"recursion over {self.system.nb} {'body' if self.system.nb == 1 else 'bodies'}"
 
     def make_evaluation(self, chosen: EliminationOrder | None = None) -> "TreeEvaluation":
-        """Return the arrays and programs that evaluate the mechanism; nothing is computed yet.
+        """Allocate and return the arrays and programs that evaluate the mechanism; nothing is computed yet.
 
         Rows are eliminated in the order ``chosen``, by default that of the start.
         """
         return TreeEvaluation(self, chosen)
 
     def couple_at(self, t: float, y: np.ndarray) -> Coupling:
-        """Return S of all closing rows, in the cut joints' order, at ``t`` [s] and ``y`` = (q, u).
+        """Return S = J H^-1 J^T of all closing rows, in the cut joints' order, at ``t`` [s] and ``y`` = (q, u).
 
-        The arrays of the mechanism are left at this state.
+        The second result, a scale, is the diagonal that S has for free bodies. The arrays of the mechanism are left at
+        this state.
         """
         of = self.mechanism
         closing = select_rows(of.closing, range(self.rows), np.ones(self.rows))
@@ -91,10 +93,10 @@ class TreeMechanism:
 
 
 def choose_rows(at: Coupling, size: np.ndarray | None = None) -> EliminationOrder:
-    """Return an order of independent closing rows with their pivots; the next row has the largest relative pivot.
+    """Return an order of independent closing rows with their pivots, by elimination of the largest relative pivot.
 
-    Pivots are relative to ``size``, by default the diagonal of S at the position of ``at``; with the diagonal of
-    another position, rows that vanish at this one are small. Dependent rows are left out.
+    ``at`` has S at a state. Pivots are relative to ``size``, by default the diagonal of this S; with the diagonal of
+    another state, rows that vanish at this one are small. Dependent rows are left out.
     """
     S = at.S.copy()
     size = np.diag(S).copy() if size is None else size
@@ -102,9 +104,9 @@ def choose_rows(at: Coupling, size: np.ndarray | None = None) -> EliminationOrde
     left &= size > ROUNDING**2 * at.free
     rows, pivots = list[int](), list[float]()
     while np.any(left):
-        share = np.where(left, np.diag(S) / np.where(left, size, 1.0), -np.inf)
-        k = int(np.argmax(share))
-        if not share[k] > DEPENDENT:
+        relative = np.where(left, np.diag(S) / np.where(left, size, 1.0), -np.inf)
+        k = int(np.argmax(relative))
+        if not relative[k] > DEPENDENT:
             break
         rows.append(k)
         pivots.append(float(S[k, k]))
@@ -122,7 +124,7 @@ class TreeEvaluation:
         self._limbs, self._loads = made.mechanism.limbs, int(made.mechanism.forces)
 
     def accelerate(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, least: np.ndarray) -> Program:
-        """Return the program that computes ``y_dot`` and the ``least`` pivot from ``t`` and ``y``."""
+        """Return the program that computes ``y_dot`` and the ``least`` relative pivot from ``t`` [s] and ``y``."""
         q, u = np.split(y, [self.nq])
         q_dot, u_dot = np.split(y_dot, [self.nq])
         task = AcceleratedTree(self._limbs, self.closing, t, q, u, q_dot, u_dot, least, self._loads)
@@ -131,9 +133,9 @@ class TreeEvaluation:
     def finish(
         self, t: np.ndarray, y: np.ndarray, after: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, guard: np.ndarray
     ) -> Program:
-        """Return the program that computes ``y_dot`` and ``lam``, and projects ``y`` onto the loops: ``after``.
+        """Return the program that computes ``y_dot`` and ``lam``, and projects ``y`` onto the loops, into ``after``.
 
-        Of ``y_dot``, q_dot is that after the projection, u_dot that before it, as is ``lam``; ``guard`` gets the least
+        q_dot in ``y_dot`` is that after the projection, u_dot that before it, as is ``lam``; ``guard`` gets the least
         pivot, and the largest |phi| of rows that are left out.
         """
         (q, u), (q_dot, u_dot), (q_after, u_after) = (np.split(x, [self.nq]) for x in (y, y_dot, after))
@@ -157,7 +159,7 @@ class TreeEvaluation:
         return BoundFunction(project_tree, task)
 
     def record(self, t: np.ndarray, y: np.ndarray, y_dot: np.ndarray, lam: np.ndarray, *results: np.ndarray) -> Program:
-        """Return the program that computes the ``results``: r, R, v, v_dot of all bodies, reactions of all joints."""
+        """Return the program that sets ``results`` to r, R, v, v_dot of all bodies, and the reactions of all joints."""
         (q, u), (_, u_dot) = (np.split(x, [self.nq]) for x in (y, y_dot))
         of = self.made.mechanism._replace(closing=self.closing)
         return BoundFunction(
@@ -167,16 +169,19 @@ class TreeEvaluation:
     def measure(
         self, given: np.ndarray, start: np.ndarray, y: np.ndarray, sums: np.ndarray, error: np.ndarray
     ) -> Program:
-        """Return the program that computes the ``error`` of a step from ``start`` to ``y``, over its tolerances.
+        """Return the program that computes the ``error`` of a step from ``start`` to ``y``, relative to its tolerances.
 
-        ``given`` is (t, h, rtol); ``sums`` (2, n) are both estimates of the error, over h.
+        ``given`` is (t, h, rtol); ``sums`` (2, n) are both estimates of the error, divided by h.
         """
         blocks = np.array(list_tolerance_blocks(self.made.tree), dtype=np.int64).reshape(-1, 3).T
         low, high, angle = (np.ascontiguousarray(x) for x in blocks)
         return BoundFunction(measure_error, ErrorParts(low, high, angle, given, start, y, sums, error))
 
     def find_order(self, t: float, y: np.ndarray, start: np.ndarray) -> EliminationOrder:
-        """Return an order of rows whose pivots are safe at ``t`` [s] and ``y``; raise ``LostRank`` if there is none."""
+        """Return an order of rows whose pivots are safe at ``t`` [s] and ``y``; raise ``LostRank`` if there is none.
+
+        They are compared with S at the start; ``start`` is an argument of ``Evaluation`` that is not used here.
+        """
         here, size = self.made.couple_at(t, y), np.diag(self.made.at_start.S)
         of = np.where(size > 0.0, size, float(np.max(size, initial=0.0)))
         for compared in (None, of):  # a row may vanish here where another one takes its place
@@ -188,7 +193,7 @@ class TreeEvaluation:
 
 
 def _has_inertia(of: ClosedTree) -> bool:
-    """Return whether each velocity of a tree moves inertia, so that the inertia D^-1 along each limb's axes exists."""
+    """Return whether each velocity of a tree moves inertia: ``D``, the inverse inertia along each axis, is positive."""
     l: Any = of.limbs
     for k in range(len(l.parent)):
         n = int(l.slides[k] + l.turns[k])

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 from ..compiled.algebra import clear, copy, multiply, multiply_transposed
 from ..compiled.entries import compile_inline, compile_separately, run
-from .accelerations import normalise, rate_coordinates, rate_quaternion
+from .accelerations import normalise_quaternions, rate_coordinates, rate_quaternion
 from .closing_rows import add_response, add_row, factor_closing, rate_rows, solve_closing, store_multipliers
 from .limbs import ClosingRows, Limbs
-from .sweeps import gather_efforts, move_to, set_rate, transmit_load, turn_about_centre
+from .sweeps import find_spin_momentum, gather_efforts, move_to, set_rate, transmit_load
 from .twists import cross
 
 
@@ -44,7 +44,7 @@ class Phase(NamedTuple):
 
 
 def find_slopes(s: Any) -> None:
-    """Compute q_dot and p_dot from t, q and p by the slopes of the Hamiltonian and the forces, without closing rows."""
+    """Set q_dot and p_dot, from t, q and p of ``s``, to slopes of the Hamiltonian plus forces, without closing rows."""
     l = s.limbs
     l.t[0] = s.t[0]
     move_to(l, s.q, s.still)
@@ -70,7 +70,7 @@ def find_slopes(s: Any) -> None:
     for k in range(len(l.parent)):
         if l.ball[k]:
             j, i = l.q_at[k] + l.slides[k], l.u_at[k] + l.slides[k]
-            add_quaternion(s.p, l.found, s.p_dot, j, i, 0.5)
+            add_quaternion_rate(s.p, l.found, s.p_dot, j, i, 0.5)
             along = s.soft[k] * _dot_quaternions(s.q, s.p, j)
             for a in range(4):
                 s.q_dot[j + a] += along * s.q[j + a]
@@ -79,22 +79,22 @@ def find_slopes(s: Any) -> None:
 
 @compile_separately
 def find_momenta(l: Any) -> None:
-    """Set ``momentum`` of each limb's body, (angular momentum about its P, momentum), from its motion."""
+    """Set ``momentum`` of each limb's body, (angular momentum about P, momentum) in space, from its ``motion``."""
     for k in range(len(l.parent)):
         V, m, out = l.motion[k], l.mass[k], l.momentum[k]
         x, y, z = l.c[k, 0], l.c[k, 1], l.c[k, 2]
         a, b, c = cross(V[0], V[1], V[2], x, y, z)
         a, b, c = m * (V[3] + a), m * (V[4] + b), m * (V[5] + c)
-        n0, n1, n2 = turn_about_centre(l, k, V[0], V[1], V[2])
+        n0, n1, n2 = find_spin_momentum(l, k, V[0], V[1], V[2])
         x, y, z = cross(x, y, z, a, b, c)
         out[0], out[1], out[2], out[3], out[4], out[5] = n0 + x, n1 + y, n2 + z, a, b, c
 
 
 @compile_inline
 def _gather_slopes(l: Any, out: Any) -> None:
-    """Set ``out`` (nu,) to the slope of the kinetic energy plus the generalised force along each velocity.
+    """Set ``out`` (nu,) to the slope of the kinetic energy along each velocity's motion plus the generalised force.
 
-    ``momentum`` and ``load`` of the bodies are replaced by the sums that their joints carry.
+    This is an inward sweep: ``momentum`` and ``load`` of the limbs are replaced by the sums that their joints carry.
     """
     n = len(l.parent)
     for k in range(n - 1, -1, -1):
@@ -122,9 +122,9 @@ def _gather_slopes(l: Any, out: Any) -> None:
 
 @compile_inline
 def lower_momenta(l: Any, q: Any, p: Any, out: Any) -> None:
-    """Set ``out`` (nu,) to the momenta pi conjugate to velocities, from the momenta ``p`` conjugate to coordinates.
+    """Set ``out`` (nu,) to the momenta pi, conjugate to velocities, from ``p``, conjugate to the coordinates ``q``.
 
-    Those of a ball are in the base frame.
+    Those of a ball joint are in the base frame.
     """
     for k in range(len(l.parent)):
         ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
@@ -140,7 +140,7 @@ def lower_momenta(l: Any, q: Any, p: Any, out: Any) -> None:
 
 @compile_inline
 def lift_momenta(l: Any, q: Any, pi: Any, out: Any) -> None:
-    """Set ``out`` (nq,) to the momenta p of the momenta ``pi``, for a ball those normal to its quaternion."""
+    """Set ``out`` (nq,) to momenta p, conjugate to ``q``, from ``pi``; a ball joint's are normal to its quaternion."""
     for k in range(len(l.parent)):
         ns, at, first = l.slides[k], l.q_at[k], l.u_at[k]
         for i in range(ns if l.ball[k] else ns + l.turns[k]):
@@ -151,15 +151,15 @@ def lift_momenta(l: Any, q: Any, pi: Any, out: Any) -> None:
 
 
 @compile_inline
-def add_quaternion(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> None:
-    """Add ``factor`` times the quaternion product (0, w) x to ``out`` at j, as ``rate_quaternion`` sets it."""
+def add_quaternion_rate(q: Any, u: Any, out: Any, j: int, i: int, factor: float) -> None:
+    """Add to four entries of ``out``, from index ``j`` on, what ``rate_quaternion`` with these arguments sets."""
     a, b, c, d = out[j], out[j + 1], out[j + 2], out[j + 3]
     rate_quaternion(q, u, out, j, i, factor)
     out[j], out[j + 1], out[j + 2], out[j + 3] = out[j] + a, out[j + 1] + b, out[j + 2] + c, out[j + 3] + d
 
 
 def enter_phase(s: Any) -> None:
-    """Compute the momenta ``p`` at coordinates q and velocities u."""
+    """Set the momenta ``p`` of the bundle ``s`` from its coordinates q and velocities u."""
     l = s.limbs
     move_to(l, s.q, s.u)
     find_momenta(l)
@@ -168,7 +168,7 @@ def enter_phase(s: Any) -> None:
 
 
 def find_gaps(s: Any) -> None:
-    """Compute phi of the closing rows, then (|x|^2 - 1)/2 of quaternions held at length 1, at t and q, in ``out``."""
+    """Set ``out`` to phi of the closing rows, then (|x|^2 - 1)/2 of quaternions with a row |x|^2 = 1, at t and q."""
     l, c = s.limbs, s.closing
     if len(c.joint) > 0:
         l.t[0] = s.t[0]
@@ -185,7 +185,7 @@ def find_gaps(s: Any) -> None:
 
 
 def find_row_force(s: Any) -> None:
-    """Compute G^T lam, the force of all rows on the coordinates (nq,), at t and q, in ``out``."""
+    """Set ``out`` (nq,) to G^T lam, the generalised forces of all rows on the coordinates, at t and q."""
     l, c = s.limbs, s.closing
     clear(l.found)
     if len(c.joint) > 0:
@@ -207,13 +207,13 @@ def find_row_force(s: Any) -> None:
 
 
 def factor_phase(s: Any) -> None:
-    """Factorise H, and S of the closing rows, at t and q."""
+    """Factorise H, and S of the closing rows, at t and q of the bundle ``s``: the entry for Python."""
     _factor(s)
 
 
 @compile_inline
 def _factor(s: Any) -> None:
-    """Move to t and q at rest, and factorise H, and S of the closing rows, there."""
+    """Place all bodies at t and q, at rest, and factorise H, and S of the closing rows, there."""
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
     move_to(l, s.q, s.still)
@@ -224,9 +224,9 @@ def _factor(s: Any) -> None:
 
 
 def close_phase(s: Any) -> None:
-    """Compute coordinates and velocities at t, q and p with unit quaternions, phi_dot = 0 and free spins added.
+    """Compute coordinates and velocities from t, q and p, with unit quaternions, phi_dot = 0 and free spins added.
 
-    They are set as ``q_dot`` and ``u``; ``out`` gets the multipliers of the change of p that makes phi_dot = 0.
+    They are stored in ``q_dot`` and ``u``; ``out`` gets the multipliers of the change of p that makes phi_dot = 0.
     """
     l, c = s.limbs, s.closing
     _factor(s)
@@ -245,7 +245,7 @@ def close_phase(s: Any) -> None:
             c.mu[k] = -c.mu[k]
         store_multipliers(c, s.out)
     copy(s.q, s.q_dot)
-    normalise(l, s.q_dot)
+    normalise_quaternions(l, s.q_dot)
     at = len(c.joint)
     for k in range(len(l.parent)):
         j, i = l.q_at[k] + l.slides[k], l.u_at[k] + l.slides[k]
@@ -258,9 +258,9 @@ def close_phase(s: Any) -> None:
 
 @compile_inline
 def _add_spin(l: Any, k: int, share: float, t: float, axis: Any, q: Any, j: int, u: Any, i: int) -> None:
-    """Add the free spin of limb k's body about its ``axis`` to the quaternion of ``q`` at j and to ``u`` at i.
+    """Add the free spin of limb ``k`` about ``axis`` to its quaternion, ``q`` from index j on, and to ``u`` from i on.
 
-    The rate is ``share`` times the angular momentum about the axis; the angle is that since time 0, at ``t`` [s].
+    The rate is ``share`` [1/(kg m2)] times the angular momentum about the axis; the angle is rate times ``t`` [s].
     """
     x, y, z = axis[0], axis[1], axis[2]
     a, b, c = multiply_transposed(l.base, x, y, z)
@@ -278,7 +278,7 @@ def _add_spin(l: Any, k: int, share: float, t: float, axis: Any, q: Any, j: int,
 
 
 def solve_phase(s: Any) -> None:
-    """Set ``out`` to S^-1 x of the closing rows in use, and to x / alpha of quaternion lengths, where x is ``lam``."""
+    """Set ``out`` to S^-1 lam for the closing rows in use, and to lam / alpha for rows of quaternion lengths."""
     l, c = s.limbs, s.closing
     if len(c.joint) > 0:
         for a in range(len(c.joint)):
@@ -296,5 +296,5 @@ def solve_phase(s: Any) -> None:
 
 @compile_inline
 def _dot_quaternions(q: Any, p: Any, j: int) -> float:
-    """Return the scalar product of the four numbers at j of q and of p."""
+    """Return the scalar product of the four entries of ``q`` and of ``p`` from index ``j`` on."""
     return q[j] * p[j] + q[j + 1] * p[j + 1] + q[j + 2] * p[j + 2] + q[j + 3] * p[j + 3]

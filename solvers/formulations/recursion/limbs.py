@@ -21,7 +21,7 @@ MOST = 6  # velocities of a limb at most, for one that floats
 
 
 class Limbs(NamedTuple):
-    """The numbers of a tree, its present state, and the factor of its inertia."""
+    """The constants of a tree, its present state, and the factor of its inertia."""
 
     body: Any  # (n,) body of each limb
     parent: Any  # (n,) limb, n: the ground
@@ -104,7 +104,10 @@ class ClosedTree(NamedTuple):
 
 
 def make_mechanism(system: MultibodySystem, tree: Tree) -> ClosedTree:
-    """Make the arrays and kernels of a tree with all of its closing rows, of which none is in use yet."""
+    """Allocate and return the arrays and kernels of a tree with all its closing rows, of which none is in use yet.
+
+    See ``select_rows``. Both kernels share the poses and velocities of the bodies.
+    """
     whole = finish_kernel(system, allocate_kernel(system), {"rows", "forces", "applied_forces"})
     cut = allocate_kernel(_restrict_joints(system, tree.cuts))._replace(
         J=whole.J, J_inv=whole.J_inv, t=whole.t, r=whole.r, R=whole.R, v=whole.v
@@ -156,7 +159,7 @@ def select_rows(closing: ClosingRows, rows: Sequence[int], pivots: Any) -> Closi
 
 
 def _restrict_joints(system: MultibodySystem, joints: Sequence[int]) -> MultibodySystem:
-    """Return a copy of the system with these ``joints`` alone."""
+    """Return a copy of the system with the joints of these indices only, without names."""
     own: dict[str, Any] = {
         name: a[list(joints)]
         for name, a in vars(system).items()
@@ -166,7 +169,7 @@ def _restrict_joints(system: MultibodySystem, joints: Sequence[int]) -> Multibod
 
 
 def _make_limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
-    """Return the arrays of a tree, those of bodies shared with the ``kernel`` of the whole system."""
+    """Return the arrays of a tree, and bind its sweeps; arrays of bodies are those of the system's ``kernel``."""
     n, back = len(tree.limbs), tree.base.T
     place = {limb.body: k for k, limb in enumerate(tree.limbs)} | {GROUND: n}
     body = np.array([limb.body for limb in tree.limbs], dtype=np.int64)
@@ -177,13 +180,13 @@ def _make_limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
     turned = np.zeros((n + 1, 3, 3))
     turned[n] = np.eye(3)
 
-    def count(of: str) -> np.ndarray:
-        """Return the integer attribute ``of`` of each limb."""
-        return np.array([getattr(limb, of) for limb in tree.limbs], dtype=np.int64)
+    def collect_integers(name: str) -> np.ndarray:
+        """Return the integer attribute ``name`` of each limb."""
+        return np.array([getattr(limb, name) for limb in tree.limbs], dtype=np.int64)
 
-    def point(of: str) -> np.ndarray:
-        """Return the vector attribute ``of`` of each limb, transformed from the base frame to space."""
-        return apply(back, np.array([getattr(limb, of) for limb in tree.limbs]).reshape(n, 3))
+    def collect_vectors(name: str) -> np.ndarray:
+        """Return the vector attribute ``name`` of each limb, transformed from the base frame to space."""
+        return apply(back, np.array([getattr(limb, name) for limb in tree.limbs]).reshape(n, 3))
 
     slides = np.array([len(limb.slides) for limb in tree.limbs], dtype=np.int64)
     shapes = {
@@ -203,12 +206,12 @@ def _make_limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
             parent=np.array([place[limb.parent] for limb in tree.limbs], dtype=np.int64),
             slides=slides,
             turns=np.array([limb.sizes[1] for limb in tree.limbs], dtype=np.int64) - slides,
-            ball=count("ball"),
-            q_at=count("q_at"),
-            u_at=count("u_at"),
+            ball=collect_integers("ball"),
+            q_at=collect_integers("q_at"),
+            u_at=collect_integers("u_at"),
             way=way,
-            arm=point("arm"),
-            centre=point("centre"),
+            arm=collect_vectors("arm"),
+            centre=collect_vectors("centre"),
             frame=product(back, tree.frames[body]),
             base=np.array(tree.base),
             mass=system.mass[body],
@@ -228,7 +231,7 @@ def _make_limbs(system: MultibodySystem, tree: Tree, kernel: Kernel) -> Limbs:
 
 
 def bind_sweeps(limbs: Limbs) -> Limbs:
-    """Return ``limbs`` with the programs of their sweeps, which are compiled once and not inlined in each caller."""
+    """Return ``limbs`` with the programs of its sweeps, which are compiled once and not inlined in each caller."""
     return limbs._replace(
         placing=BoundFunction(place_bodies, limbs),
         factoring=BoundFunction(factor_inertia, limbs),

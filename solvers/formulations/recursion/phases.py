@@ -26,7 +26,7 @@ class TreePhase:
     operations = 0  # none are made
 
     def __init__(self, made: TreeMechanism, *, radial: bool) -> None:
-        """Prepare the functions; ``radial``: with rows |x|^2 = 1 of balls, and with free spins treated separately."""
+        """Allocate the arrays; with ``radial``, quaternions get rows |x|^2 = 1, and ``close`` adds free spins."""
         of, tree, limbs = made.mechanism, made.tree, made.mechanism.limbs
         n = len(tree.limbs)
         inertia, soft, spin, axis = limbs.inertia.copy(), np.zeros(n), np.zeros(n), np.zeros((n, 3))
@@ -61,9 +61,9 @@ class TreePhase:
         return self.made.words
 
     def bind(self, name: str, *arrays: np.ndarray) -> Program:
-        """Return the program of the function ``name`` of ``FUNCTIONS`` on these arrays, without running it.
+        """Return the program that calls the function ``name`` of ``FUNCTIONS`` with these arrays; nothing is run.
 
-        ``enter`` takes (q, u) as one array.
+        ``enter`` takes (q, u) as one array, and no inertia added for spins.
         """
         function, names = FUNCTIONS[name]
         phase = self.phase
@@ -78,13 +78,14 @@ class TreeClosing:
     """Closing rows at the end of a step, which project velocities there, and then correct lam of the next step."""
 
     def __init__(self, evaluation: TreeEvaluation, own: TreePhase) -> None:
+        """Select the rows of the order of ``evaluation``; ``kept``: their indices, then those of quaternion lengths."""
         order, made = evaluation.order, own.made
         self._nq, closing = made.tree.nq, select_rows(made.mechanism.closing, evaluation.order.rows, order.pivots)
         self._phase = own.phase._replace(closing=closing)
         self.kept = np.array([*sorted(order.rows), *range(made.rows, own.rows)], dtype=np.int64)
 
     def factor(self, t: np.ndarray, z: np.ndarray) -> Program:
-        """Return the program that factorises H and S at the time ``t`` and the coordinates ``z`` [0]."""
+        """Return the program that factorises H and S at the time ``t`` and the coordinates ``z[0]``."""
         return BoundFunction(factor_phase, self._phase._replace(t=t, q=z[0], p=z[1]))
 
     def close(self, t: np.ndarray, z: np.ndarray, y: np.ndarray, rows: np.ndarray) -> Program:

@@ -47,7 +47,7 @@ class RecordedTree(NamedTuple):
 
 
 def make_record(system: MultibodySystem, tree: Tree, of: ClosedTree, arrays: "tuple[Any, ...]") -> RecordedTree:
-    """Make the bundle of ``record_tree``; ``arrays`` are t, q, u, u_dot, lam, then r, R, v, v_dot, reaction."""
+    """Return the bundle of ``record_tree``; ``arrays`` are its t, q, u, u_dot, lam, then r, R, v, v_dot, reaction."""
     row, limbs, ends = list[int](), list[int](), list[int]()
     for k, limb in enumerate(tree.limbs):
         if limb.joint >= 0:
@@ -77,7 +77,11 @@ def make_record(system: MultibodySystem, tree: Tree, of: ClosedTree, arrays: "tu
 
 
 def record_tree(s: Any) -> None:
-    """Compute r, R, v, v_dot of all bodies and the reactions of all joints from t, q, u, u_dot and lam."""
+    """Set r, R, v, v_dot of all bodies and the reactions of all joints, from t, q, u, u_dot and lam.
+
+    ``s`` is a ``RecordedTree``. Reactions of the tree's joints follow from the wrenches that they carry; those of cut
+    joints are ``lam``.
+    """
     l, c = s.limbs, s.closing
     l.t[0] = s.t[0]
     move_to(l, s.q, s.u)
@@ -134,9 +138,9 @@ class ErrorParts(NamedTuple):
 
 
 def measure_error(s: Any) -> None:
-    """Set ``error`` to the root mean square of a step's error estimate over its tolerances.
+    """Set ``error`` to the root mean square of a step's error estimate, relative to its tolerances.
 
-    Both estimates of DOP853 enter; tolerances follow the rule of ``joint_coordinates.stages``.
+    Both estimates of DOP853 are combined; tolerances are those of ``stages.list_tolerance_blocks``.
     """
     first = second = 0.0
     for k in range(len(s.low)):

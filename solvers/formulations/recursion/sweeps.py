@@ -17,16 +17,16 @@ from .twists import copy_rotation, cross, dot, put, turn_by_quaternion
 
 @compile_inline
 def move_to(s: Any, q: Any, u: Any) -> None:
-    """Move all bodies to coordinates ``q`` and velocities ``u``, by the one compiled ``place_bodies``."""
+    """Copy ``q`` and ``u`` to the tree, and set the motion of all its bodies there, by ``place_bodies``."""
     copy(q, s.q)
     copy(u, s.u)
     run(s.placing)
 
 
 def place_bodies(s: Any) -> None:
-    """Compute poses and motions of all bodies at coordinates ``q`` and velocities ``u``.
+    """Set poses and velocities of all bodies at coordinates ``q`` and velocities ``u``, from the ground outward.
 
-    ``bias`` gets their accelerations for joint accelerations u_dot = 0.
+    ``axes`` gets the motions along the limbs' velocities, ``bias`` the accelerations for u_dot = 0.
     """
     n, q, u = len(s.parent), s.q, s.u
     for l in range(n):
@@ -82,7 +82,7 @@ def place_bodies(s: Any) -> None:
 
 @compile_inline
 def set_rate(s: Any, l: int, motion: Any, out: Any) -> None:
-    """Set ``out`` to the ``motion`` of limb l in the kernels' form: velocity of C [space], angular velocity [body]."""
+    """Set ``out`` to (velocity of C [space], angular velocity [body]) of limb ``l``, from its ``motion`` about P."""
     w0, w1, w2 = motion[0], motion[1], motion[2]
     x, y, z = cross(w0, w1, w2, s.c[l, 0], s.c[l, 1], s.c[l, 2])
     a, b, c = multiply_transposed(s.R[s.body[l]], w0, w1, w2)
@@ -90,8 +90,8 @@ def set_rate(s: Any, l: int, motion: Any, out: Any) -> None:
 
 
 @compile_inline
-def turn_about_centre(s: Any, l: int, w0: float, w1: float, w2: float) -> Any:
-    """Return R J R^T w of limb l's body, its angular momentum about C, in space, at the angular velocity w."""
+def find_spin_momentum(s: Any, l: int, w0: float, w1: float, w2: float) -> Any:
+    """Return R J R^T w, the angular momentum [space] of limb ``l`` about C at the angular velocity w."""
     R, J = s.R[s.body[l]], s.inertia[l]
     a, b, c = multiply_transposed(R, w0, w1, w2)
     a, b, c = multiply(J, a, b, c)
@@ -99,14 +99,14 @@ def turn_about_centre(s: Any, l: int, w0: float, w1: float, w2: float) -> Any:
 
 
 def factor_inertia(s: Any) -> None:
-    """Factorise H: compute ``D`` and ``gain`` of all limbs, from the leaves on."""
+    """Factorise H: set the articulated inertia ``carried``, ``D`` and ``gain`` of all limbs, from the leaves inward."""
     n = len(s.parent)
     for l in range(n):
         A, m, x, y, z = s.carried[l], s.mass[l], s.c[l, 0], s.c[l, 1], s.c[l, 2]
         square = x * x + y * y + z * z
         for j in range(3):
             e0, e1, e2 = 1.0 * (j == 0), 1.0 * (j == 1), 1.0 * (j == 2)
-            a, b, c = turn_about_centre(s, l, e0, e1, e2)
+            a, b, c = find_spin_momentum(s, l, e0, e1, e2)
             along = s.c[l, j]
             A[0, j], A[1, j], A[2, j] = (
                 a + m * (square * e0 - x * along),
@@ -127,7 +127,7 @@ def factor_inertia(s: Any) -> None:
 
 @compile_inline
 def _free_joint(A: Any, axes: Any, pull: Any, gain: Any, D: Any, count: int) -> None:
-    """Subtract from a limb's inertia A what its joint cannot transmit: A := A - pull^T gain.
+    """Replace a limb's articulated inertia A, in place, by the part that its joint transmits: A - pull^T gain.
 
     Set are pull = S^T A, D = (S^T A S)^-1 and gain = D pull, with the ``count`` motions S along the ``axes``.
     """
@@ -164,9 +164,9 @@ def _free_joint(A: Any, axes: Any, pull: Any, gain: Any, D: Any, count: int) -> 
 
 @compile_inline
 def _add_inertia(A: Any, x: float, y: float, z: float, ball: int, out: Any) -> None:
-    """Add X^T A X, a limb's inertia A at the point L = (x, y, z) from the parent's P, to the parent's inertia ``out``.
+    """Add X^T A X to the parent's inertia ``out``: a limb's inertia A, shifted by (x, y, z) to the parent's P.
 
-    For a ``ball`` only its part by the translation of P is added.
+    For a ``ball`` only the part by the translation of P is added.
     """
     for j in range(3):
         # rows of M = A_turn_move + hat(L) A_move, then A_turn + L x rows of A_turn_move + hat(L) M^T
@@ -205,9 +205,9 @@ def _add_inertia(A: Any, x: float, y: float, z: float, ball: int, out: Any) -> N
 
 
 def find_response(s: Any) -> None:
-    """Compute ``found`` = H^-1 (generalised forces of ``load`` and ``effort``), and the bodies' motion ``response``.
+    """Set ``found`` to H^-1 (generalised forces of ``load`` + ``effort``), and ``response`` to the motion by it.
 
-    Both are linear in loads and efforts.
+    This is an inward sweep over loads, then an outward one over motions; both results are linear in the inputs.
     """
     n = len(s.parent)
     for l in range(n):
@@ -225,7 +225,7 @@ def find_response(s: Any) -> None:
             transmit_load(s, l, own, s.back[p])
     for l in range(n):
         p, first, count, own = s.parent[l], s.u_at[l], s.slides[l] + s.turns[l], s.response[l]
-        _take_motion(s, l, s.response[p], own)
+        _transfer_motion(s, l, s.response[p], own)
         for k in range(count):
             x = -dot(s.gain[l, k], own)
             for j in range(count):
@@ -236,16 +236,19 @@ def find_response(s: Any) -> None:
 
 @compile_separately
 def find_motion(s: Any, u: Any) -> None:
-    """Set ``response`` to the motion of all bodies at joint velocities, or accelerations, ``u``."""
+    """Set ``response`` to the motion of all bodies at joint velocities, or accelerations, ``u``, without ``bias``."""
     for l in range(len(s.parent)):
         own = s.response[l]
-        _take_motion(s, l, s.response[s.parent[l]], own)
+        _transfer_motion(s, l, s.response[s.parent[l]], own)
         _add_axes(s, l, u, own)
 
 
 @compile_inline
-def _take_motion(s: Any, l: int, before: Any, out: Any) -> None:
-    """Set ``out`` to X a_parent, the part of its parent's motion ``before`` that limb l takes over."""
+def _transfer_motion(s: Any, l: int, before: Any, out: Any) -> None:
+    """Set ``out`` to X a_parent, the motion of limb ``l`` by that of its parent, ``before``, with its own joint fixed.
+
+    Behind a ball it is the translation of P alone.
+    """
     x, y, z = cross(before[0], before[1], before[2], s.L[l, 0], s.L[l, 1], s.L[l, 2])
     share = 0.0 if s.ball[l] else 1.0
     put(out, share * before[0], share * before[1], share * before[2], before[3] + x, before[4] + y, before[5] + z)
@@ -253,7 +256,7 @@ def _take_motion(s: Any, l: int, before: Any, out: Any) -> None:
 
 @compile_inline
 def _add_axes(s: Any, l: int, u: Any, out: Any) -> None:
-    """Add limb l's motion along its own axes, at velocities ``u``, to ``out``."""
+    """Add to ``out`` the motion of limb ``l`` along its own axes at the tree's velocities ``u``."""
     for k in range(s.slides[l] + s.turns[l]):
         x = u[s.u_at[l] + k]
         for i in range(6):
@@ -262,9 +265,9 @@ def _add_axes(s: Any, l: int, u: Any, out: Any) -> None:
 
 @compile_separately
 def gather_efforts(s: Any, loads: Any, out: Any) -> None:
-    """Set ``out`` (nu,) to the generalised forces of ``loads``, their power along each unit velocity.
+    """Set ``out`` (nu,) to the generalised forces of ``loads``, their power at a unit of each velocity.
 
-    The ``loads`` are replaced by the sums that the joints carry.
+    This is an inward sweep: ``loads`` are replaced by the sums that the joints carry.
     """
     n = len(s.parent)
     for l in range(n - 1, -1, -1):
@@ -276,7 +279,7 @@ def gather_efforts(s: Any, loads: Any, out: Any) -> None:
 
 @compile_inline
 def transmit_load(s: Any, l: int, load: Any, out: Any) -> None:
-    """Add X^T load, the part of limb l's ``load`` that its joint transmits, to its parent's load ``out``."""
+    """Add X^T load, the part of a ``load`` of limb ``l`` that its joint transmits, to its parent's load ``out``."""
     x, y, z = cross(s.L[l, 0], s.L[l, 1], s.L[l, 2], load[3], load[4], load[5])
     share = 0.0 if s.ball[l] else 1.0
     put(

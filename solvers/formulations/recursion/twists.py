@@ -13,13 +13,13 @@ def cross(a: float, b: float, c: float, x: float, y: float, z: float) -> Any:
 
 @compile_inline
 def dot(a: Any, b: Any) -> float:
-    """Return the scalar product of six numbers and six others: the power of a load along a motion."""
+    """Return the scalar product of the arrays ``a`` and ``b`` of six numbers: the power of a load along a motion."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] + a[4] * b[4] + a[5] * b[5]
 
 
 @compile_inline
 def put(out: Any, a: float, b: float, c: float, x: float, y: float, z: float) -> None:
-    """Set the six numbers of the array ``out``."""
+    """Set the six entries of the array ``out`` to these numbers."""
     out[0], out[1], out[2], out[3], out[4], out[5] = a, b, c, x, y, z
 
 

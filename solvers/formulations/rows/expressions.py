@@ -76,9 +76,10 @@ class PushExpressions:
 
 @cache
 def express_rows(kind: str, rows: tuple[int, ...] | None = None, *, space: bool = False) -> RowExpressions:
-    """Return the constraint rows of a ``kind`` of joint as expressions: all, or those whose numbers are in ``rows``.
+    """Return the constraint rows of a ``kind`` of joint as expressions: all, or those with indices ``rows``.
 
-    With ``space`` the velocities V are (r_dot, omega = R Omega), else (r_dot, Omega).
+    With ``space`` the velocities V are (r_dot, omega = R Omega), else (r_dot, Omega). Rows that restrict velocities
+    alone come last, and have phi = 0.
     """
     declared = joints.DECLARED[kind]
     x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", NUMBERS)
@@ -99,7 +100,7 @@ def express_rows(kind: str, rows: tuple[int, ...] | None = None, *, space: bool 
 
 @cache
 def express_push(kind: str) -> PushExpressions:
-    """Return the load of a ``kind`` of force on both bodies, as an expression."""
+    """Return the load of a ``kind`` of force on both bodies as an expression; they are opposite."""
     x, V, t, numbers = (
         ca.SX.sym("x", 24),
         ca.SX.sym("V", 12),
@@ -115,7 +116,10 @@ def express_push(kind: str) -> PushExpressions:
 
 
 def express_load(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tuple[Pose, Pose, PointLoad]:
-    """Return the poses of both bodies and the force, torque and point by which a ``kind`` of force loads body i."""
+    """Return the poses of both bodies, and the load of a ``kind`` of force on body i: force, torque, point [space].
+
+    ``numbers`` are the symbols of the force's parameters, in the order of ``list_force_parameters``.
+    """
     declared = forces.DECLARED[kind]
     i, j = _make_pose(x, V, 0), _make_pose(x, V, 1)
     parts: dict[str, Any] = {}
@@ -133,7 +137,7 @@ def express_load(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tup
 
 
 def express_time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
-    """Return c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p), the seven ``numbers`` in this order."""
+    """Return c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p), with the seven ``numbers`` c_0 .. c_3, a, w, p."""
     c0, c1, c2, c3, a, w, p = (numbers[k] for k in range(7))
     return c0 + t * (c1 + t * (c2 + t * c3)) + a * ca.sin(w * t + p)
 
@@ -155,7 +159,10 @@ def differentiate_by_pose(g: ca.SX, x: ca.SX) -> ca.SX:
 
 
 def _make_pose(x: ca.SX, V: ca.SX, e: int, space: bool = False) -> Pose:
-    """Return pose and velocities of body ``e`` (0: i, 1: j) as arrays of symbols."""
+    """Return pose and velocities of body ``e`` (0: i, 1: j) from x (24,) and V (12,), as arrays of symbols.
+
+    The angular velocity is omega in space; V has it with ``space``, else it has Omega in the body.
+    """
     R = _wrap_symbols(x[12 * e + 3 : 12 * e + 12]).reshape(3, 3)
     Omega = _wrap_symbols(V[6 * e + 3 : 6 * e + 6])
     return Pose(
@@ -164,7 +171,10 @@ def _make_pose(x: ca.SX, V: ca.SX, e: int, space: bool = False) -> Pose:
 
 
 def _name_numbers(declared: JointDeclaration, a: ca.SX, t: ca.SX) -> Numbers:
-    """Return a joint's numbers by name, from their column ``a`` (29,), with its function of time at ``t``."""
+    """Return a joint's parameters by name, from their column ``a`` (29,).
+
+    Its function of time is that at ``t``, or zero for a kind of joint without one.
+    """
     points, n = _wrap_symbols(a[:12]).reshape(4, 3), _wrap_symbols(a[12:21]).reshape(3, 3)
     f = Symbol(express_time_function(a[22:29], t)) if declared.motion else Symbol(ca.SX(0))
     return Numbers(points[0], points[1], points[2], points[3], n, Symbol(a[21]), f)
@@ -176,7 +186,7 @@ def _wrap_symbols(a: ca.SX) -> np.ndarray:
 
 
 def stack_column(a: Sequence[Any] | np.ndarray) -> ca.SX:
-    """Return numbers and symbols as a CasADi column."""
+    """Return a sequence of numbers and symbols as a CasADi column."""
     return ca.vertcat(*[x.x if isinstance(x, Symbol) else x for x in a]) if len(a) else ca.SX(0, 1)
 
 
@@ -190,10 +200,10 @@ def list_by_rows(a: ca.SX) -> ca.SX:
     return ca.vec(ca.densify(a).T)
 
 
-def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
-    """Return the distinct entries of a matrix that vary, and a function that fills the matrix from them.
+def find_distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
+    """Return the distinct entries of a matrix that are not constant, and a function that fills the matrix from them.
 
-    Two entries count as one where they are equal, or opposite, at three sets of random numbers.
+    Two entries count as one where they are equal, or opposite, for three random sets of values of the symbols.
     """
     Z = ca.densify(Z)
     symbols = ca.symvar(Z)
@@ -219,7 +229,7 @@ def distinct_entries(Z: ca.SX) -> tuple[list[ca.SX], Callable[[Any], ca.SX]]:
             values.append(Z[c])
 
     def fill(kept: Any) -> ca.SX:
-        """Return Z, filled from the distinct entries."""
+        """Return Z with ``kept`` in place of its distinct entries."""
         inside = [sign * kept[known] if sign else Z[c] for c, (sign, known) in enumerate(which)]
         return ca.reshape(ca.vertcat(*inside), *Z.shape)
 

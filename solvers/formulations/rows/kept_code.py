@@ -27,8 +27,11 @@ class RowCode(NamedTuple):
 @cache
 @making_code
 def load_row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
-    """Return the code of the constraint rows of a kind of joint (``loops.rows``), with its constant results."""
-    code = load_or_make_code("loops.rows", kind, rows, ground)
+    """Return the code of a kind of joint's constraint rows (``loops.make_row_loops``), with its constant results.
+
+    ``rows`` are the indices of the rows; with ``ground`` body j is the ground.
+    """
+    code = load_or_make_code("loops.make_row_loops", kind, rows, ground)
     constants = np.zeros(2 + 3 * len(rows))
     code.function("constants", 1)(constants.ctypes.data)
     way = constants[2:].reshape(len(rows), 3) if constants[0] else None
@@ -40,11 +43,12 @@ def load_row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
 def load_or_make_code(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
     """Load the code that ``maker`` makes for a ``kind`` of joint or force from disk, or make and store it; return it.
 
-    ``maker`` is "module.function" of this folder; ``of`` and ``choices`` are its further arguments. Without ``kind`` it
-    is made for bodies.
+    ``maker`` is "module.function" of this folder; ``of`` and ``choices`` are its further arguments. Without ``kind``
+    the code is that of bodies alone.
     """
 
     def print_code() -> str:
+        """Make the functions and return their LLVM IR."""
         module, function = maker.split(".")
         return print_functions(getattr(import_module(f".{module}", __package__), function)(*key, **choices))
 

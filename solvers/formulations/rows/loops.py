@@ -11,32 +11,33 @@ from ....harness.base.generated import GeneratedFunction, Loop
 from .expressions import PushExpressions, RowExpressions, express_push, express_rows, list_by_rows, make_matrix
 
 
-def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
+def make_row_loops(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
     """Return the functions ``rows`` and ``constants`` of a kind of joint's constraint rows, to be compiled.
 
     ``rows``: phi, gamma, torques X and Y = X J^-1 on the bodies; then forces of the rows and phi_t, where they vary.
     ``constants``: whether forces are constant, whether phi_t is zero, and these forces by rows (zero if they vary).
-    ``of`` are the numbers of the rows; with ``ground`` body j is the ground, and there is body i alone.
+    ``of`` are the indices of the rows; with ``ground`` body j is the ground, and there is body i alone.
     """
     e, bodies = express_rows(kind, of), _make_body_symbols(ground, 4)
     A, phi, gamma, phi_t = substitute_bodies(e, [e.A, e.phi, e.gamma, e.phi_t], bodies)
     X = [A[:, 6 * k + 3 : 6 * k + 6] for k in range(len(bodies))]
     Y = [x @ make_matrix(body[3]) for x, body in zip(X, bodies, strict=True)]
     way = A[:, :3]
-    fixed, still = way.is_constant(), (phi_t.is_constant() and phi_t.nnz() == 0) or bool(phi_t.is_zero())
-    stored = [phi, gamma, *map(list_by_rows, (*X, *Y, *([] if fixed else [way]))), *([] if still else [phi_t])]
-    constants = ca.vertcat(float(fixed), float(still), list_by_rows(way if fixed else ca.SX(len(of), 3)))
+    fixed, scleronomic = way.is_constant(), (phi_t.is_constant() and phi_t.nnz() == 0) or bool(phi_t.is_zero())
+    stored = [phi, gamma, *map(list_by_rows, (*X, *Y, *([] if fixed else [way]))), *([] if scleronomic else [phi_t])]
+    constants = ca.vertcat(float(fixed), float(scleronomic), list_by_rows(way if fixed else ca.SX(len(of), 3)))
     return {
         "rows": Loop(whole=[e.t], rows=[e.numbers], stored=[ca.densify(x) for x in stored], blocks=[*chain(*bodies)]),
         "constants": GeneratedFunction([], [constants]),
     }
 
 
-def row_slopes(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
+def make_row_slope_loops(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
     """Return the functions ``load_slopes`` and ``rate_slopes`` of a kind of joint's constraint rows, to be compiled.
 
     ``load_slopes``: d(A^T lam)/d(pose), added to blocks (6, 6) by rows, of i by i, i by j, j by i, j by j.
-    ``rate_slopes``: d(phi_dot)/d(pose) (n, 6), by body i and by body j.
+    ``rate_slopes``: d(phi_dot)/d(pose) (n, 6), by body i and by body j. With ``ground`` there is body i alone. ``of``
+    are the indices of the rows.
     """
     e, bodies = express_rows(kind, of), _make_body_symbols(ground, 3)
     K, slopes = substitute_bodies(e, [e.load_slopes, e.rate_slopes], bodies, e.lam)
@@ -48,18 +49,22 @@ def row_slopes(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop |
     }
 
 
-def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
-    """Return the function ``push`` of a kind of force, to be compiled: it adds the load to those of the bodies."""
+def make_load_loops(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
+    """Return the function ``push`` of a kind of force, to be compiled, which adds the load to that of each body.
+
+    With ``ground`` body j is the ground, and there is body i alone.
+    """
     e, bodies = express_push(kind), _make_body_symbols(ground, 3)
     (load,) = substitute_bodies(e, [e.load], bodies)
     added = [load[6 * k : 6 * k + 6] for k in range(len(bodies))]
     return {"push": Loop(whole=[e.t], rows=[e.numbers], blocks=[*chain(*bodies)], added_blocks=added)}
 
 
-def push_slopes(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
+def make_load_slope_loops(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
     """Return the function ``slopes`` of a kind of force, to be compiled.
 
-    It adds the slopes of the load by poses, then by velocities, to blocks in the order of ``load_slopes``.
+    It adds the slopes of the load by poses, then by velocities, to blocks (6, 6) in the order of ``load_slopes``. With
+    ``ground`` body j is the ground, and there is body i alone.
     """
     e, bodies = express_push(kind), _make_body_symbols(ground, 3)
     by_pose, by_rate = substitute_bodies(e, [e.pose_slopes, e.velocity_slopes], bodies)
@@ -67,11 +72,11 @@ def push_slopes(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
     return {"slopes": Loop(whole=[e.t], rows=[e.numbers], blocks=[*chain(*bodies)], added_blocks=added)}
 
 
-def bodies() -> dict[str, Loop | GeneratedFunction]:
+def make_body_loops() -> dict[str, Loop | GeneratedFunction]:
     """Return the functions ``forces``, ``applied``, ``slopes`` and ``zero`` of bodies alone, to be compiled.
 
-    ``applied``: gravity as the load (n, 6), from rows m g (3), J (9), v (6); ``forces``: this less Omega x J Omega;
-    ``slopes``: those of ``forces`` by velocities (n, 36), from rows J, v; ``zero`` sets numbers to zero.
+    ``applied`` stores gravity as the load (6,) of each body, from its m g (3), J (9) and v (6); ``forces`` this less
+    Omega x J Omega; ``slopes`` the derivatives of ``forces`` by velocities (36,), from J and v; ``zero`` zeros.
     """
     weight, J, v = ca.SX.sym("weight", 3), ca.SX.sym("J", 9), ca.SX.sym("v", 6)
     turning = ca.vertcat(ca.SX.zeros(3), -ca.cross(v[3:], make_matrix(J) @ v[3:]))
@@ -85,7 +90,10 @@ def bodies() -> dict[str, Loop | GeneratedFunction]:
 
 
 def _list_blocks(K: ca.SX, ground: bool) -> list[ca.SX]:
-    """Return the blocks (6, 6) of slopes K by loaded and moving body, each by rows; with ``ground`` that of i alone."""
+    """Return the blocks (6, 6) of slopes K (12, 12) by loaded and moving body, each as a column of its rows.
+
+    With ``ground`` there is the block of body i alone.
+    """
     ends = (slice(0, 6),) if ground else (slice(0, 6), slice(6, 12))
     return [list_by_rows(K[a, b]) for a in ends for b in ends]
 

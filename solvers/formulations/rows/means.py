@@ -19,12 +19,12 @@ from .numbers import count_force_parameters
 BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))
 
 
-def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
+def make_row_loops(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | GeneratedFunction]:
     """Return the function ``rows`` of the mean rows of a kind of joint, to be compiled.
 
-    It reads h; numbers; blocks of ``BODY`` of i, then of j. It stores phi at the end; torques X and Y = X J^-1 of the
-    mean rows on body i and, unless it is the ground, j; and forces of the rows where they vary. ``of`` are the numbers
-    of the rows.
+    It reads h, the parameters, and blocks of ``BODY`` of i, then of j. It stores phi at the end; torques X and
+    Y = X J^-1 of the mean rows on body i and, unless it is the ``ground``, j; and forces of the rows where they vary.
+    ``of`` are the indices of the rows.
     """
     e, h, (i, j) = express_rows(kind, of), ca.SX.sym("h"), _make_body_symbols(ground)
     phi, forces, X = express_mean_rows(e, e.numbers, h, (i, j))
@@ -39,10 +39,11 @@ def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Gener
 def express_mean_rows(
     e: RowExpressions, numbers: Any, h: ca.SX, bodies: Sequence[Sequence[ca.SX]]
 ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """Return phi at the end, forces (n, 3) on body i, and torques X (n, 3) on both ``bodies``.
+    """Return phi (n,) at the end and the mean rows: forces (n, 3) on body i [space], torques X (n, 3) on both bodies.
 
-    ``bodies`` are in the form of ``BODY``. Raises ValueError where phi is not quadratic in the poses or depends on
-    time. Rows that restrict velocities alone have phi = 0, hence mean rows of zero.
+    ``numbers`` are the joint's parameters, ``h`` [s] is the step, ``bodies`` are in the form of ``BODY``. Raises
+    ValueError where phi is not quadratic in the poses or depends on time. Rows that restrict velocities alone have
+    phi = 0, hence mean rows of zero.
     """
     gradient = ca.jacobian(e.phi, e.x)
     if ca.depends_on(ca.vec(ca.jacobian(gradient, e.x)), e.x) or ca.depends_on(e.phi, e.t):
@@ -65,12 +66,13 @@ def express_mean_rows(
     return phi, P[:, :3], X
 
 
-def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
+def make_load_loops(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
     """Return the function ``push`` of the mean loads of springs or loads, to be compiled.
 
-    It reads t at the end and h; numbers; blocks of ``BODY``; and adds to the loads of both bodies. A spring pulls with
-    k (1 - 2 d_free / (d_0 + d_1)) times the mean line, a damper with (2 c / h) (d_1 - d_0) / (d_0 + d_1) times it.
-    Forces and torques of a load are means of both ends.
+    It reads t at the end and h, the parameters, and blocks of ``BODY``; it adds to the loads of both bodies. With d the
+    length at the start (0) and the end (1), a spring pulls with k (1 - 2 d_free / (d_0 + d_1)) times the mean line, a
+    damper with (2 c / h) (d_1 - d_0) / (d_0 + d_1) times it. Forces and torques of a load are means of those at the
+    start and the end.
     """
     t, h, numbers, (i, j) = (
         ca.SX.sym("t"),
@@ -105,7 +107,7 @@ def push(kind: str, ground: bool) -> dict[str, Loop | GeneratedFunction]:
 
 
 def _make_body_symbols(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Return the quantities of ``BODY`` for i and j: new symbols, but zeros and R = I for the ground."""
+    """Return the quantities of ``BODY`` for i and j: new symbols, but zeros and R = I for j if that is the ground."""
     i, j = ([ca.SX.sym(f"{name}_{end}", size) for name, size in BODY] for end in "ij")
     one = list_by_rows(ca.SX.eye(3))
     still = [one if name in ("R0", "R") else ca.SX.zeros(size) for name, size in BODY]
@@ -113,5 +115,5 @@ def _make_body_symbols(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
 
 
 def _invert_mean_rotation(body: Sequence[ca.SX], h: ca.SX) -> ca.SX:
-    """Return R_m^-1, which transforms a mean torque from space to the body."""
+    """Return R_m^-1 = (1 - hat(h Omega_m / 2)) R_0^T, which transforms a mean torque from space to the body."""
     return (ca.SX.eye(3) - ca.skew(0.5 * h * body[4][3:])) @ make_matrix(body[1]).T

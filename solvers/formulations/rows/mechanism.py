@@ -34,7 +34,7 @@ LAST = 18
 
 
 class JointPart(NamedTuple):
-    """Rows of a joint by their numbers ``of``, its bodies, and the number of the first of these rows in the kernel."""
+    """Rows of a joint by their indices ``of``, its bodies, and the index of the first of these rows in the kernel."""
 
     kind: str
     of: tuple[int, ...]
@@ -72,17 +72,17 @@ class RankedFactor(Factor):
         super().__init__({k: {**S[k], k: S[k][k] * (1.0 + shift)} for k in order}, order)
 
     def invert(self, k: int, pivot: Any) -> Any:
-        """Return 1/D of row ``k`` from its ``pivot``, 0 where that is below the row's bound."""
+        """Return 1/D of row ``k`` from its ``pivot``; 0 where that is below the row's bound times its diagonal."""
         bound = DEPENDENT if self._bounds is None else self._bounds[k]
         inverse = ca.if_else(pivot > bound * self.diagonal[k], 1 / pivot, 0)
         return ca.fabs(inverse)  # without it CasADi turns every product with it into a division and a choice
 
     def inverse_shares(self) -> ca.SX:
-        """Return each row's diagonal entry over its pivot as a column; 0 for a row left out."""
+        """Return each row's diagonal entry over its pivot as a column (n,); 0 for a row left out."""
         return make_column([self.inverse[k] * self.diagonal[k] for k in range(len(self.order))])
 
     def exchange_numbers(self) -> tuple[ca.SX, ca.SX]:
-        """Replace 1/D and L by symbols; return their expressions and these symbols, each as a column."""
+        """Replace the entries of 1/D and L by symbols; return their former expressions and the symbols as columns."""
         places: list[tuple[dict[int, Any], int]] = []
         for k in self.order:
             places += [(self.inverse, k), *((self.L[k], row) for row in self.L[k])]
@@ -102,6 +102,7 @@ class SymbolicMechanism:
     def __init__(
         self, system: MultibodySystem, parts: Sequence[JointPart], order: Sequence[int], chooses: bool
     ) -> None:
+        """Store the rows and their ``order`` of elimination, and the inertias as constants in which zeros are exact."""
         self.system, self.parts, self.order = system, parts, order
         self._bounds = [ca.SX.sym("bounds", len(order))] if chooses else []
         inertia = system.regular_inertia
@@ -116,9 +117,9 @@ class SymbolicMechanism:
         """Return the functions ``accelerate``, ``project`` and ``copy``, and the size of the factor.
 
         ``accelerate`` (t, r, R, v) -> (v_dot, lam, factor), ``project`` (t, r, R, v, factor) -> (r, R, v), ``copy``
-        (r, R, v) -> (r, R, v). A projection is one correction of poses and one of velocities with the given factor.
-        Where rows are chosen, ``accelerate`` also reads bounds and returns inverse shares, and there is ``couple``
-        (t, r, R, v) -> S, each row and column divided by the root of its diagonal entry.
+        (r, R, v) -> (r, R, v). The size is in a list, alone. A projection is one correction of poses and one of
+        velocities with the given factor. Where rows are chosen, ``accelerate`` also reads bounds and returns inverse
+        shares, and there is ``couple`` (t, r, R, v) -> S, each row and column over the root of its diagonal entry.
         """
         n, at = len(self.order), self.state()
         rows = self._rows(at)
@@ -143,9 +144,10 @@ class SymbolicMechanism:
     def _make_factor(
         self, rows: dict[int, SymbolicRow], inputs: Sequence[ca.SX], shift: Any = 0.0
     ) -> tuple[RankedFactor, list[ca.SX], dict[str, GeneratedFunction]]:
-        """Return the factor of S = A M^-1 A^T, and where rows are chosen its inverse shares and ``couple``, else none.
+        """Return the factor of S = A M^-1 A^T, [inverse shares] and {"couple": its function}.
 
-        ``inputs`` are the symbols that the rows depend on; ``shift`` is added to the diagonal, relative to it.
+        The last two are empty unless rows are chosen. ``inputs`` are the symbols that the rows depend on; ``shift``
+        times the diagonal is added to it.
         """
         S, n = self._make_schur_complement(rows), len(self.order)
         factor = RankedFactor(S, self.order, shift, self._bounds[0] if self._bounds else None)
@@ -163,7 +165,7 @@ class SymbolicMechanism:
         return at._replace(r=at.r + ca.vertcat(*[a[:3] for a in change]), R=ca.vertcat(*map(list_by_rows, R)))
 
     def _rows(self, at: SymbolicState) -> dict[int, SymbolicRow]:
-        """Return the constraint rows of all joints at a state, by their numbers in the kernel."""
+        """Return the constraint rows of all joints at a state, by their indices in the kernel."""
         out: dict[int, SymbolicRow] = {}
         for part in self.parts:
             e = express_rows(part.kind, part.of)
@@ -175,13 +177,13 @@ class SymbolicMechanism:
         return out
 
     def _list_inputs(self, part: JointPart, at: SymbolicState) -> list[Any]:
-        """Return poses and velocities of a joint's bodies, the time, and its numbers."""
+        """Return the inputs of a joint's expressions: poses (24,) and velocities (12,), the time and its parameters."""
         return [*join_ends(at, part.body), at.t, list_exact_joint_parameters(self.system, part.joint)]
 
     def _make_schur_complement(self, rows: dict[int, SymbolicRow]) -> Matrix:
-        """Return S = A M^-1 A^T by columns {row: entry}, both halves, zeros left out."""
+        """Return S = A M^-1 A^T as {column: {row: entry}}, both halves; entries that vanish are left out."""
         S: Matrix = {k: {k: ca.SX(0)} for k in rows}
-        holding: dict[int, list[int]] = {}
+        holding: dict[int, list[int]] = {}  # rows on each body so far
         for k, row in rows.items():
             for b, a in row.A.items():
                 y = self._divide_by_mass(b, a)
@@ -193,7 +195,10 @@ class SymbolicMechanism:
         return S
 
     def _loads(self, at: SymbolicState, *, turning: bool = True) -> list[ca.SX]:
-        """Return the load (6,) of gravity and applied forces on each body; with ``turning`` less Omega x J Omega."""
+        """Return the load (6,) of gravity and applied forces on each body, [space; body].
+
+        Unless ``turning`` is False, the gyroscopic torque Omega x J Omega is subtracted.
+        """
         s, out = self.system, list[ca.SX]()
         for b, v in enumerate(ca.vertsplit(at.v, 6)):
             gyroscopic = -ca.cross(v[3:], self.J[b] @ v[3:]) if turning else ca.SX.zeros(3)
@@ -213,7 +218,7 @@ class SymbolicMechanism:
         return ca.vertcat(load[:3] * (1.0 / self.system.mass[b]), self.J_inv[b] @ load[3:])
 
     def _add_response(self, w: Sequence[ca.SX], rows: dict[int, SymbolicRow], x: dict[int, ca.SX]) -> list[ca.SX]:
-        """Return w + M^-1 A^T x by bodies: the velocities ``w`` changed by the multipliers ``x``."""
+        """Return w + M^-1 A^T x for each body: its velocities ``w`` (6,) changed by the rows' multipliers ``x``."""
         load = [ca.SX.zeros(6) for _ in w]
         for k, row in rows.items():
             for b, a in row.A.items():
@@ -222,7 +227,7 @@ class SymbolicMechanism:
 
 
 def add_to_bodies(w: list[ca.SX], body: Sequence[int], load: ca.SX) -> None:
-    """Add the ``load`` on a pair of bodies to their entries in ``w``, in place; the ground bears any."""
+    """Add the ``load`` (12,) on a pair of bodies to their entries in ``w``, in place; the ground's half is dropped."""
     for e, b in enumerate(body):
         if b != GROUND:
             w[b] = w[b] + load[6 * e : 6 * e + 6]
@@ -239,7 +244,10 @@ def join_ends(at: SymbolicState, body: Sequence[int]) -> tuple[ca.SX, ca.SX]:
 
 
 def list_exact_joint_parameters(system: MultibodySystem, joint: int) -> np.ndarray:
-    """Return the numbers of a joint in the order of the expressions, with exact zeros instead of rounding."""
+    """Return the parameters (29,) of a joint in the order of the expressions, with exact zeros instead of rounding.
+
+    That is done to its points, its directions u and w, and its axes n, each group with its own scale.
+    """
     numbers = list_joint_parameters(system, np.array([joint]))[0]
     for part in (slice(0, 6), slice(6, 12), slice(12, 21)):
         numbers[part] = snap_zeros(numbers[part])
@@ -252,12 +260,12 @@ def snap_zeros(a: np.ndarray) -> np.ndarray:
 
 
 def multiply_row(row: SymbolicRow, w: Sequence[ca.SX]) -> Any:
-    """Return the product A w of one constraint row and the velocities ``w`` of all bodies."""
+    """Return the product A w, a scalar, of one constraint row and the velocities ``w`` (6,) of all bodies."""
     return sum((ca.dot(a, w[b]) for b, a in row.A.items()), ca.SX(0))
 
 
 def _turn_by_series(R: ca.SX, a: ca.SX) -> ca.SX:
-    """Return R exp(hat(a)) for a small rotation vector a [rad], by series."""
+    """Return R exp(hat(a)) for a small rotation vector ``a`` (3,) [rad], by series that end at the power ``LAST``."""
     s: Any = ca.dot(a, a)
     f = g = ca.SX(1)
     for n in range(LAST, 0, -2):

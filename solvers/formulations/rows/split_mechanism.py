@@ -11,7 +11,7 @@ import casadi as ca
 
 from ....harness.base.generated import GeneratedFunction
 from ....harness.mechanics.system import GROUND
-from .expressions import distinct_entries, express_rows, list_by_rows
+from .expressions import express_rows, find_distinct_entries, list_by_rows
 from .means import express_mean_rows
 from .mechanism import (
     SymbolicMechanism,
@@ -27,7 +27,7 @@ class SplitMechanism(SymbolicMechanism):
     """A system and its rows, by functions that share A (entries that vary) and ``factor``."""
 
     def make_functions(self, *, names: Sequence[str]) -> tuple[dict[str, GeneratedFunction], list[int]]:  # type: ignore[override]
-        """Return the functions ``names``, and the numbers of varying entries of A and of the factor.
+        """Return the functions ``names``, and how many distinct entries of A vary, and how many the factor has.
 
         ``rows`` (t, r, R, v) -> (A, phi, phi_t, gamma); ``factorise`` (A, shift) -> factor, where rows are chosen
         (A, shift, bounds) -> (factor, inverse shares), with ``couple`` (A) -> scaled S;
@@ -46,43 +46,43 @@ class SplitMechanism(SymbolicMechanism):
         numbers, kept = factor.exchange_numbers()
         poses, by_body = [at.t, at.r, at.R, at.v], ca.vertsplit(w, 6)
 
-        def listed(values: dict[int, Any]) -> ca.SX:
-            """Return ``values`` by the numbers of rows as a column."""
+        def stack_by_row(values: dict[int, Any]) -> ca.SX:
+            """Return ``values``, given by index of row, as a column."""
             return make_column([values[k] for k in range(n)])
 
         def react() -> GeneratedFunction:
-            """Return the function of accelerations and reactions."""
+            """Return the function ``react``: accelerations and reactions of index 1."""
             free = [self._divide_by_mass(b, load) for b, load in enumerate(self._loads(at))]
             lam = factor.solve({k: -row.gamma - multiply_row(row, free) for k, row in rows.items()})
             return GeneratedFunction(
-                [*poses, A, gamma, kept], [ca.vertcat(*self._add_response(free, rows, lam)), listed(lam)]
+                [*poses, A, gamma, kept], [ca.vertcat(*self._add_response(free, rows, lam)), stack_by_row(lam)]
             )
 
         def close_joints() -> GeneratedFunction:
-            """Return the function of poses moved onto phi = 0."""
+            """Return the function ``close_joints``: poses corrected once towards phi = 0."""
             closed = self._close_joints(at, rows, factor)
             return GeneratedFunction([at.r, at.R, A, phi, kept], [closed.r, closed.R])
 
         def project_rates() -> GeneratedFunction:
-            """Return the function of velocities moved onto phi_dot = 0, and of the impulses that move them."""
+            """Return the function ``project_rates``: velocities with phi_dot = 0, and the impulses that change them."""
             impulse = factor.solve({k: -row.phi_t - multiply_row(row, by_body) for k, row in rows.items()})
             return GeneratedFunction(
-                [A, phi_t, kept, w], [ca.vertcat(*self._add_response(by_body, rows, impulse)), listed(impulse)]
+                [A, phi_t, kept, w], [ca.vertcat(*self._add_response(by_body, rows, impulse)), stack_by_row(impulse)]
             )
 
         def slips() -> GeneratedFunction:
-            """Return the function of -phi_dot."""
+            """Return the function ``slips``: -phi_dot at the velocities w."""
             slip = {k: -row.phi_t - multiply_row(row, by_body) for k, row in rows.items()}
-            return GeneratedFunction([A, phi_t, w], [listed(slip)])
+            return GeneratedFunction([A, phi_t, w], [stack_by_row(slip)])
 
-        def columns(name: str) -> ca.SX:
+        def stack_field(name: str) -> ca.SX:
             """Return the field ``name`` of all rows as a column."""
-            return listed({k: getattr(row, name) for k, row in full.items()})
+            return stack_by_row({k: getattr(row, name) for k, row in full.items()})
 
         makers: dict[str, Callable[[], GeneratedFunction]] = {
-            "rows": lambda: GeneratedFunction(self._inputs(at), [entries, *map(columns, self._results)]),
+            "rows": lambda: GeneratedFunction(self._inputs(at), [entries, *map(stack_field, self._results)]),
             "factorise": lambda: GeneratedFunction([A, shift, *self._bounds], [numbers, *shares]),
-            "solve": lambda: GeneratedFunction([kept, x], [listed(factor.solve({k: x[k] for k in range(n)}))]),
+            "solve": lambda: GeneratedFunction([kept, x], [stack_by_row(factor.solve({k: x[k] for k in range(n)}))]),
             "forces": lambda: GeneratedFunction(poses, [ca.vertcat(*self._loads(at))]),
             "applied_forces": lambda: GeneratedFunction(poses, [ca.vertcat(*self._loads(at, turning=False))]),
             "react": react,
@@ -108,18 +108,21 @@ class SplitMechanism(SymbolicMechanism):
     def _find_entries(
         self, rows: dict[int, SymbolicRow]
     ) -> tuple[ca.SX, Callable[[ca.SX], dict[int, dict[int, ca.SX]]]]:
-        """Return the distinct entries of A that vary, joint by joint, and a function that fills A from them."""
+        """Return the distinct entries of A that vary, joint by joint, and a function that fills A from them.
+
+        A is given and returned by row, then by body (6,).
+        """
         values: list[ca.SX] = []
         parts = []
         for part in self.parts:
             of = range(part.first, part.first + len(part.of))
             bodies = list(rows[part.first].A)
-            own, filled = distinct_entries(ca.horzcat(*(ca.vertcat(*(rows[k].A[b] for b in bodies)) for k in of)))
+            own, filled = find_distinct_entries(ca.horzcat(*(ca.vertcat(*(rows[k].A[b] for b in bodies)) for k in of)))
             parts.append((of, bodies, filled, len(values)))
             values += own
 
         def fill(kept: ca.SX) -> dict[int, dict[int, ca.SX]]:
-            """Return the blocks of A by row and body, from its distinct entries."""
+            """Return the blocks of A by row and body, with ``kept`` in place of its distinct entries."""
             out: dict[int, dict[int, ca.SX]] = {}
             for of, bodies, filled, first in parts:
                 made = filled(kept[first:])
@@ -136,6 +139,7 @@ class MeanMechanism(SplitMechanism):
     _results = ("phi",)
 
     def __init__(self, *given: Any) -> None:
+        """Add symbols for the step's length and start poses to those of ``SymbolicMechanism``."""
         super().__init__(*given)
         nb = self.system.nb
         self._h, self._r0, self._R0 = ca.SX.sym("h"), ca.SX.sym("r0", 3 * nb), ca.SX.sym("R0", 9 * nb)
@@ -145,7 +149,7 @@ class MeanMechanism(SplitMechanism):
         return [self._h, self._r0, self._R0, at.r, at.R, at.v]
 
     def _rows(self, at: SymbolicState) -> dict[int, SymbolicRow]:
-        """Return the mean rows of all joints, by their numbers in the kernel; phi is that at the end."""
+        """Return the mean rows of all joints, by their indices in the kernel; phi is that at the end of the step."""
         out: dict[int, SymbolicRow] = {}
         arrays = (self._r0, 3), (self._R0, 9), (at.r, 3), (at.R, 9), (at.v, 6)
         one = list_by_rows(ca.SX.eye(3))

@@ -24,12 +24,12 @@ class Symbol:
 
 
 def _binary(of: Callable[[Any, Any], Any], *, swapped: bool) -> Callable[[Symbol, Any], Any]:
-    """Return the method of ``Symbol`` for an operation of two arguments; ``swapped``: with their order reversed."""
+    """Return the method of ``Symbol`` for the operation ``of`` two arguments, in reversed order if ``swapped``."""
 
     def combine(a: Symbol, b: Any) -> Any:
-        """Return the operation on the expressions of both arguments."""
+        """Return the result as a ``Symbol``; leave an array ``b`` to NumPy, which calls this for each element."""
         if isinstance(b, np.ndarray):
-            return NotImplemented  # element by element, by NumPy
+            return NotImplemented
         y = b.x if isinstance(b, Symbol) else b
         return Symbol(of(y, a.x) if swapped else of(a.x, y))
 
@@ -37,7 +37,7 @@ def _binary(of: Callable[[Any, Any], Any], *, swapped: bool) -> Callable[[Symbol
 
 
 def _unary(of: Callable[[Any], Any]) -> Callable[[Symbol], Symbol]:
-    """Return the method of ``Symbol`` for a function of one argument."""
+    """Return the method of ``Symbol`` for the function ``of`` one argument."""
     return lambda a: Symbol(of(a.x))
 
 

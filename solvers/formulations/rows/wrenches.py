@@ -20,8 +20,8 @@ from ....harness.base.generated import GeneratedFunction, Loop
 from .expressions import (
     differentiate_by_pose,
     differentiate_pose,
-    distinct_entries,
     express_rows,
+    find_distinct_entries,
     list_by_rows,
     make_matrix,
 )
@@ -35,13 +35,13 @@ BODY = (("r", 3), ("R", 9), ("v", 6), ("force", 6), ("inertia", 19), ("T", 9))  
 IN_A_PRODUCT = 16  # ratios of pivots, each above 1e-9, of which one logarithm is taken
 
 
-def measure_rows(
+def express_bar_terms(
     A: ca.SX, ends: Sequence[tuple[ca.SX, ca.SX, ca.SX, ca.SX]], direction: int
 ) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """Return M_bar = c . M c and f_bar = c . f of the rows ``A`` (n, 12), and c on each end (n, 6).
+    """Return M_bar = c . M c and f_bar = c . f (n,) of the rows ``A`` (n, 12), and c on each end, a list of (n, 6).
 
-    A has torques in the body. Each of ``ends`` has mass, J, J^-1 and the load (force [space], torque [body]);
-    ``direction`` is that of c in Eq. (31).
+    A has torques in the body. ``ends`` has, for each body that moves, its mass, J, J^-1 and load (force [space], torque
+    [body]). ``direction`` of c in Eq. (31) is ``ALONG_A``, ``ALONG_MASS`` or ``TRANSLATION``.
     """
     n, c = A.shape[0], list[ca.SX]()
     if direction == TRANSLATION:
@@ -65,8 +65,9 @@ def measure_rows(
 def express_wrenches(kind: str, of: tuple[int, ...], ends: int, direction: int) -> ca.Function:
     """Return the wrenches in space of rows of a kind of joint as a CasADi function, under gravity alone.
 
-    It takes poses, velocities in space, t, numbers of the joint and of both bodies, B and nu, and returns Z = D + B
-    D_dot (6 or 12, n), D, f_bar, M_bar phi_dot^2 and D_dot nu. ``ends``: bodies that move, 1 or 2.
+    It takes poses (24,), velocities in space (12,), t, parameters of the joint and of both bodies (``IN_SPACE``), B and
+    nu; it returns Z = D + B D_dot (6 or 12, n), D, f_bar, M_bar phi_dot^2 and D_dot nu. ``of`` are the indices of the
+    rows, ``ends`` the number of bodies that move, 1 or 2; ``direction`` is that of c in Eq. (31).
     """
     e, nu, B = express_rows(kind, of, space=True), ca.SX.sym("nu", len(of)), ca.SX.sym("B")
     bodies = [ca.SX.sym(f"numbers_{end}", 22) for end in "ij"]
@@ -75,7 +76,7 @@ def express_wrenches(kind: str, of: tuple[int, ...], ends: int, direction: int) 
     inertias = [
         (x[3], make_matrix(x[13:22]), make_matrix(x[4:13]), ca.vertcat(x[:3], ca.SX(3, 1))) for x in bodies[:ends]
     ]
-    m_bar, f_bar, _ = measure_rows(e.A @ ca.diagcat(*turn), inertias, direction)
+    m_bar, f_bar, _ = express_bar_terms(e.A @ ca.diagcat(*turn), inertias, direction)
     Z = e.A.T + B * ca.jacobian(rate, nu)
     given = [e.x, e.V, e.t, e.numbers, *bodies, B, nu]
     found = [Z[: 6 * ends, :], e.A.T[: 6 * ends, :], f_bar, m_bar * e.phi_dot**2, rate[: 6 * ends]]
@@ -87,9 +88,9 @@ def wrench_loops(
 ) -> dict[str, Loop | GeneratedFunction]:
     """Return the functions ``OF_JOINTS`` of ``methods.gc_step`` for a kind of joint, and ``sizes``, to be compiled.
 
-    ``sizes`` returns the numbers of entries kept of the start and of the end of a step. ``rows`` are the numbers of the
-    rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31); ``use_f_bar``: with f_bar of Eq.
-    (30).
+    ``sizes`` returns how many entries of Z are kept from the start of a step, and of D from its end. ``rows`` are the
+    indices of the rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31). Without
+    ``use_f_bar``, f_bar of Eq. (30) is taken as zero.
     """
     (i, j), bodies = _make_bodies(IN_SPACE, ground)
     t, numbers, plan = ca.SX.sym("t"), ca.SX.sym("p", NUMBERS), ca.SX.sym("plan", 3)
@@ -129,19 +130,19 @@ def newton_loops(
 ) -> dict[str, Loop]:
     """Return the functions ``OF_JOINTS`` of ``methods.gc_newton`` for a kind of joint, to be compiled.
 
-    ``rows`` are the numbers of its rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31);
-    ``symmetric``: in the symmetric gauge; ``use_f_bar``: with f_bar of Eq. (30); ``couple``: with slopes of each body's
-    load by the other body, and of f_bar.
+    ``rows`` are the indices of its rows; with ``ground`` body j is the ground. ``direction`` is that of c in Eq. (31).
+    ``symmetric`` is for the symmetric gauge, in which nu0 depends on nu1. ``couple`` adds slopes of each body's load by
+    the other body and, with ``use_f_bar``, those of f_bar of Eq. (30) by poses.
     """
     e, n, (both, moving), plan = express_rows(kind, rows), len(rows), _make_bodies(BODY, ground), ca.SX.sym("plan", 3)
     ends, (half, B, gauge) = len(moving), ca.vertsplit(plan)
     symbols = nu, on_D, on_D_dot, nu_start, G0, stiffness, on_phi_dot, on_phi = [ca.SX.sym("x", n) for _ in range(8)]
     inertias = [(b[4][0], make_matrix(b[4][1:10]), make_matrix(b[4][10:19]), b[3]) for b in moving]
-    m_bar, f_bar, c = measure_rows(e.A, inertias, direction)
+    m_bar, f_bar, c = express_bar_terms(e.A, inertias, direction)
     D = e.A.T  # torques in the body
     D_dot = ca.jtimes(D, ca.vertcat(e.x, e.t), ca.vertcat(differentiate_pose(e.x, e.V), 1))
     turns = slice(3, 6), slice(9, 12)  # of both bodies
-    for turn in turns:
+    for turn in turns:  # the rate in space of a torque in the body, R^T (R torque)_dot = torque_dot + Omega x torque
         D_dot[turn, :] += ca.skew(e.V[turn]) @ D[turn, :]
     load = D @ on_D + D_dot @ on_D_dot
     by_pose, by_rate = differentiate_by_pose(load, e.x), ca.jacobian(load, e.V)
@@ -149,7 +150,10 @@ def newton_loops(
         by_pose = by_pose + D @ (half * differentiate_by_pose(f_bar, e.x))
 
     def differentiate(by_pose: ca.SX, by_rate: ca.SX) -> ca.SX:
-        """Return slopes by the velocities at the end of the step, (., 12): dr = dt/2 dr_dot, theta = T dOmega."""
+        """Return slopes (., 12) by the velocities at the end of the step, from those by poses and by velocities.
+
+        A change of the velocities moves the end by dr = dt/2 dr_dot, theta = T dOmega.
+        """
         parts = []
         for move, turn, body in zip((slice(0, 3), slice(6, 9)), turns, both, strict=True):
             parts.append(half * by_pose[:, move] + by_rate[:, move])
@@ -161,17 +165,18 @@ def newton_loops(
         K[turn, turn] += -ca.skew(load[turn]) @ make_matrix(body[5])
     row = ca.diag(on_phi_dot) @ differentiate(differentiate_by_pose(e.phi_dot, e.x), ca.jacobian(e.phi_dot, e.V))
     row += ca.diag(on_phi) @ differentiate(differentiate_by_pose(e.phi, e.x), ca.SX(n, 12))
+    # torques from the body to space
     in_space = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), make_matrix(b[1])) for b in both])
 
     def express(*of: ca.SX) -> list[ca.SX]:
-        """Return expressions simplified, with the symbols of the bodies in place of general poses and velocities."""
+        """Return expressions, simplified, with the symbols of ``moving`` bodies in place of the general ones."""
         rest = [part for body in moving for part in (body[1], *body[3:])]
         return substitute_bodies(e, [ca.densify(x) for x in of], moving, *rest, plan, *symbols)
 
     Z0, first = express((in_space @ (D + B * D_dot))[: 6 * ends, :], (in_space @ D)[: 6 * ends, :] @ (-half * G0))
     pushed, phi, rate, m_bar, f_bar, *c = express(load[: 6 * ends], e.phi, e.phi_dot, m_bar, f_bar, *c)
     column, row, K = express((-D @ ca.diag(stiffness) + B * D_dot)[: 6 * ends, :], row, K)
-    kept, Z0_kept = ca.SX.sym("kept", Z0.numel()), ca.SX(Z0)
+    kept, Z0_kept = ca.SX.sym("kept", Z0.numel()), ca.SX(Z0)  # Z0 with symbols for the entries that vary
     for entry in range(Z0.numel()):
         if not Z0[entry].is_constant():
             Z0_kept[entry] = kept[entry]
@@ -203,7 +208,10 @@ def list_by_ends(w: ca.SX) -> list[ca.SX]:
 
 
 def _make_bodies(parts: Sequence[tuple[str, int]], ground: bool) -> tuple[list[list[ca.SX]], list[list[ca.SX]]]:
-    """Return symbols of the ``parts`` of bodies i and j, at rest where that is the ground, and of those that move."""
+    """Return the quantities ``parts`` of bodies i and j as symbols, and those of the bodies that move alone.
+
+    ``parts`` are names and sizes, r and R first. With ``ground`` body j is at rest at the origin, with R = I.
+    """
     i, j = ([ca.SX.sym(f"{part}_{end}", size) for part, size in parts] for end in "ij")
     if not ground:
         return [i, j], [i, j]
@@ -211,8 +219,8 @@ def _make_bodies(parts: Sequence[tuple[str, int]], ground: bool) -> tuple[list[l
 
 
 def _name_entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
-    """Return symbols and values of the entries of a matrix that vary, and the matrix in these symbols."""
-    values, fill = distinct_entries(Z)
+    """Return (symbols, values) of the distinct entries of a matrix that vary, and the matrix in these symbols."""
+    values, fill = find_distinct_entries(Z)
     kept = ca.SX.sym("kept", len(values))
     return (kept, ca.vertcat(*values)), fill(kept)
 
@@ -223,7 +231,9 @@ class SimplifiedStep(SymbolicMechanism):
     def make_functions(  # type: ignore[override]
         self, *, gauge: float, b_term: float, direction: int, use_f_bar: int, keep_nu: int
     ) -> tuple[dict[str, GeneratedFunction], list[int]]:
-        """Return the functions of a step, and the numbers of entries kept of the start and of the factor.
+        """Return the functions of a step, and the numbers of entries kept of Z at the start and of the factor.
+
+        The arguments are the fields of ``methods.choices.Settings`` with these names.
 
         ``begin`` (t, plan, r, R, v, nu_start) -> (known, kept, slip, f_bar) at the start of a step;
         ``factor`` (t, r, R) -> (factor, (rank, log10 det S over its diagonal)), where rows are chosen
@@ -235,6 +245,7 @@ class SimplifiedStep(SymbolicMechanism):
         half, B = plan[0], b_term * plan[0]
         nu, nu_start, known = ca.SX.sym("nu", n), ca.SX.sym("nu_start", n), ca.SX.sym("known", 6 * nb)
         R = [make_matrix(part) for part in ca.vertsplit(at.R, 9)]
+        # start of a step: ``first`` collects what its end does not change; end of it: ``w`` collects the impulses
         velocities, w, first = ca.vertsplit(at.v, 6), ca.vertsplit(known, 6), list[ca.SX]()
         spun = at._replace(v=ca.vertcat(*(x for b, v in enumerate(velocities) for x in (v[:3], R[b] @ v[3:]))))
         for b, v in enumerate(velocities):  # momenta in space, and the impulse of gravity
@@ -250,9 +261,9 @@ class SimplifiedStep(SymbolicMechanism):
             if keep_nu:
                 load -= Z @ nu_start[own]
             add_to_bodies(first, part.body, load)
-            distinct, fill = distinct_entries(Z)
+            distinct, fill = find_distinct_entries(Z)
             kept = ca.SX.sym("kept", len(distinct))
-            distinct_end, fill_end = distinct_entries(Z_end - gauge * fill(kept) if gauge else Z_end)
+            distinct_end, fill_end = find_distinct_entries(Z_end - gauge * fill(kept) if gauge else Z_end)
             add_to_bodies(w, part.body, fill_end(distinct_end) @ nu[own] - half * (D @ f_bar))
             values, symbols = [*values, *distinct], [*symbols, kept]
             slips, f_bars = [*slips, slip], [*f_bars, f_bar]
@@ -260,12 +271,13 @@ class SimplifiedStep(SymbolicMechanism):
         rows, poses, given = self._rows(at), [at.t, at.r, at.R], [at.t, plan, at.r, at.R, at.v]
         factor, shares, couple = self._make_factor(rows, poses)
         free = [self._divide_by_mass(b, ca.vertcat(p[:3], R[b].T @ p[3:])) for b, p in enumerate(w)]
-        whole = [factor.inverse[k] > 0 for k in self.order]
-        ratios = [ca.if_else(whole[c], factor.pivots[c] / factor.diagonal[k], 1) for c, k in enumerate(self.order)]
+        # rank and determinant of S: rows left out count neither
+        rows_kept = [factor.inverse[k] > 0 for k in self.order]
+        ratios = [ca.if_else(rows_kept[c], factor.pivots[c] / factor.diagonal[k], 1) for c, k in enumerate(self.order)]
         products = [prod(ratios[c : c + IN_A_PRODUCT]) for c in range(0, n, IN_A_PRODUCT)]
         log_det = sum((ca.log(x) for x in products), ca.SX(0)) / np.log(10.0)
-        found = ca.vertcat(sum(whole, ca.SX(0)), log_det)
-        numbers, told = factor.exchange_numbers()
+        found = ca.vertcat(sum(rows_kept, ca.SX(0)), log_det)
+        numbers, factor_kept = factor.exchange_numbers()
         x = factor.solve({k: -multiply_row(row, free) for k, row in rows.items()})
         v = self._add_response(free, rows, x)
         changes = [a - o for a, o in zip(v, velocities, strict=True)]
@@ -283,8 +295,8 @@ class SimplifiedStep(SymbolicMechanism):
             "begin": GeneratedFunction([*given, nu_start], made),
             "factor": GeneratedFunction([*poses, *self._bounds], [numbers, found, *shares]),
             **couple,
-            "iterate": GeneratedFunction([*given, known, make_column(symbols), nu, told], iterated),
-            "correct": GeneratedFunction([*poses, told], [closed.r, closed.R]),
+            "iterate": GeneratedFunction([*given, known, make_column(symbols), nu, factor_kept], iterated),
+            "correct": GeneratedFunction([*poses, factor_kept], [closed.r, closed.R]),
             "copy": GeneratedFunction([at.v, nu], [at.v, nu]),
             "copy_poses": GeneratedFunction(poses[1:], poses[1:]),
         }, [len(values), numbers.numel()]

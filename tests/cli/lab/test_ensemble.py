@@ -9,6 +9,7 @@ from mbsbench.cli.__main__ import main
 ARGUMENTS = ("ensemble", "simple_pendulum", "rattle", "--starts", "12", "--at", "0.1,0.2", "--jobs", "1", "--json")
 
 
+@pytest.mark.sampled(0)
 def test_a_seed_gives_the_same_rows_and_a_page_has_all_of_them(capsys, tmp_path):
     """A row for truth and solver, each quantity and each time; in one page without requests."""
     page = tmp_path / "clouds.html"

@@ -54,6 +54,7 @@ def test_wrong_calls_are_one_line(tmp_path, capsys):
     assert "--problem" in capsys.readouterr().err
 
 
+@pytest.mark.sampled(0)
 def test_solve_names_the_nearest_true_motion(tmp_path, monkeypatch, capsys):
     """The distances of ``shadow``, where asked; where a motion is inaccurate, how to ask."""
     monkeypatch.chdir(tmp_path)

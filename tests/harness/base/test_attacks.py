@@ -69,6 +69,7 @@ def test_the_process_above_a_solver_is_out_of_its_reach(tmp_path, what):
     assert record.status == "success", record
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("what", ATTACKS)
 def test_what_reaches_it_all_the_same_loses_its_own_run_and_no_more(tmp_path, what):
     """Where no system keeps it in: no success is forged, no limit escaped, and kept steps are measured."""

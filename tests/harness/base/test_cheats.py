@@ -37,6 +37,7 @@ def records(own_supervisor, tmp_path_factory):
     return {json.loads(r.solver_options).get("where", "call"): r for r in found}
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("where", ["call", "daemon", "daemon_in_refuses", "child", "half"])
 def test_work_between_call_and_return_is_its_cost(records, where):
     """Whatever process does it, in whatever session, and whatever the solver says it took."""
@@ -97,6 +98,7 @@ def test_what_its_own_clocks_do_not_show_is_seen_from_outside(records, where):
     assert r.cpu_min_s == r.cpu_process_s > TICKS * MUCH and "all counts" in r.notes
 
 
+@pytest.mark.sampled(0)
 def test_work_at_import_is_set_up(tmp_path):
     """Of the plugin that brings the solver."""
     plugin = tmp_path / "prepared.py"

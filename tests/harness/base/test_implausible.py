@@ -110,8 +110,10 @@ def status(monkeypatch, tmp_path):
             p = registry.make_problem("free_fall")
             motion = check_trajectory(make_motion(), Exact(), p)
             split_cost(motion, 1.0, 0.0, 1.0, Exact())
-            handover.write(job.handover, handover.Handover(handover.SolverReport(claimed=Status.SUCCESS), motion))
-            motion = handover.read(job.handover, p.system).trajectory
+            handover.write_handover(
+                job.handover, handover.Handover(handover.SolverReport(claimed=Status.SUCCESS), motion)
+            )
+            motion = handover.read_handover(job.handover, p.system).trajectory
             return measuring.judge_motion(job, p, motion)[0].status
         except (ValueError, TypeError):  # one run, crashed: its message is the exception's
             return "refused"
@@ -127,6 +129,7 @@ def test_the_motions_are_told_apart(status):
         assert status(lambda: known, lambda a=aside: falls(a, known)) == word
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("aside", FALSE)
 @pytest.mark.parametrize(
     ("what", "x"),

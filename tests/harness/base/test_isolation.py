@@ -8,7 +8,7 @@ import psutil
 import pytest
 
 from mbsbench.harness.base.forked_process import ForkedProcess
-from mbsbench.harness.base.isolation import describe_lacking, fork
+from mbsbench.harness.base.isolation import describe_missing_protection, fork
 from mbsbench.harness.mechanics.types import EndCause, Status
 from mbsbench.harness.results import store
 from mbsbench.harness.results.words import describe_ending, list_reasons
@@ -76,6 +76,7 @@ def test_a_run_that_waits_without_end_is_ended(tmp_path):
     assert record.status == Status.UNFINISHED and record.ended_by == EndCause.WALL_LIMIT, record
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("solver", EXPECTED)
 def test_each_ends_as_its_own_row(outcome, solver):
     """Failures are results: a row each, with status and reason, within the limit and 5 s."""
@@ -253,7 +254,7 @@ def test_a_run_ends_with_its_parent(tmp_path):
 
 def test_another_system_is_told_what_it_lacks():
     """One line, which no suite prints on Linux."""
-    assert describe_lacking("linux") == ""
+    assert describe_missing_protection("linux") == ""
     for system in ("darwin", "freebsd14"):
-        words = describe_lacking(system)
+        words = describe_missing_protection(system)
         assert "memory is not limited" in words and "\n" not in words

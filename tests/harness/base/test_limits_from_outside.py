@@ -75,6 +75,7 @@ def test_what_a_target_sends_cannot_take_back_that_it_began() -> None:
     assert ended.code == 71 and not ended.unbegun and ended.sent == "PermissionError: not allowed\n"
 
 
+@pytest.mark.sampled(0)
 def test_a_run_that_cannot_begin_is_no_result(tmp_path: Path, capsys) -> None:
     """A folder stands where its standard error goes: the others have results, the command fails, --resume makes it."""
     suite, out = tmp_path / "two.toml", tmp_path / "two"
@@ -96,9 +97,9 @@ def test_three_in_a_row_end_the_suite() -> None:
     pool = LocalPool(1)
     pool._flying = dict.fromkeys("abc")  # type: ignore[assignment]
     for name in "ab":
-        pool._receive(RunEnded(name, unbegun="no room"), 0)
+        pool._apply_news(RunEnded(name, unbegun="no room"), 0)
     with pytest.raises(PoolError, match="3 runs could not begin"):
-        pool._receive(RunEnded("c", unbegun="no room"), 0)
+        pool._apply_news(RunEnded("c", unbegun="no room"), 0)
     assert MOST_UNBEGUN == 3
 
 

@@ -9,13 +9,13 @@ import sys
 import pytest
 from llvmlite import binding
 
-from mbsbench.cli.progress import warn_of_own_bits
+from mbsbench.cli.progress import warn_of_deviating_bits
 from mbsbench.harness.base import machine
 from mbsbench.harness.results import provenance
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.tests.covering import every
 
-pytestmark = pytest.mark.skipif(not machine.list_variables(), reason="this processor is none that the pin knows")
+pytestmark = pytest.mark.skipif(not machine.list_variables(), reason="this processor has no pinned arithmetic")
 SHAPING = (
     machine.NATIVE,
     machine.CORE,
@@ -76,6 +76,7 @@ def run_unshaped(program: str, *first: str, **preset: str) -> subprocess.Complet
     return subprocess.run(words, cwd=ROOT, env={**bare, **preset}, capture_output=True, text=True, check=True)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "preset",
     [
@@ -101,6 +102,7 @@ def test_native_leaves_what_is_there():
     assert llvm == f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("given", [("--native",), pytest.param((), marks=pytest.mark.slow)], ids=["native", "pinned"])
 def test_the_option_of_a_command_reaches_its_runs(given, tmp_path):
     """It is looked for before NumPy is loaded; the record of the results says what was in force."""
@@ -132,6 +134,7 @@ def bits():
     return run_unshaped(SOLVE).stdout
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("kernels", every(["Sandybridge", "Zen"], 2))
 def test_motions_have_the_same_bits_whatever_is_preset(bits, kernels):
     """Four roads to a solution: our own arithmetic, LAPACK, SciPy, SUNDIALS."""
@@ -139,12 +142,14 @@ def test_motions_have_the_same_bits_whatever_is_preset(bits, kernels):
     assert run_unshaped(SOLVE, OPENBLAS_CORETYPE=kernels, NPY_DISABLE_CPU_FEATURES="X86_V3").stdout == bits
 
 
+@pytest.mark.sampled(0)
 def test_native_motions_can_have_other_bits(bits):
     """Where BLAS is in the loop; our own arithmetic is the same."""
     native = run_unshaped(SOLVE, MBSBENCH_NATIVE="1", OPENBLAS_CORETYPE="Sandybridge").stdout.split()
     assert native[0] == bits.split()[0] and native != bits.split()
 
 
+@pytest.mark.sampled(0)
 def test_a_notebook_that_loaded_numpy_first_is_told_so_in_one_line():
     """Too late for the pin: the line says what is in force and what to do, once; in the right order there is none."""
     solves = "for _ in range(2): mbsbench.solve('heavy_top', 'rattle', t_end=0.01, dt=1e-3)\n"
@@ -153,6 +158,7 @@ def test_a_notebook_that_loaded_numpy_first_is_told_so_in_one_line():
     assert "UserWarning" not in run_unshaped(f"import mbsbench, numpy\n{solves}").stderr
 
 
+@pytest.mark.sampled(0)
 def test_numba_that_was_loaded_first_is_not_taken_for_pinned():
     """It compiles on for this processor: said, recorded, in its own index, and in the key of code that we keep."""
     target, host = machine.TARGETS[platform.machine()].compiled, binding.get_host_cpu_name()
@@ -177,6 +183,7 @@ def test_a_damaged_list_of_names_is_asked_for_again(damage, tmp_path):
     assert kept.read_text() == text and list(kept.parent.iterdir()) == [kept]
 
 
+@pytest.mark.sampled(0)
 def test_commands_announce_runs_with_bits_of_their_own(tmp_path):
     """Each that makes runs to be compared with others: one line on standard error."""
     (tmp_path / "tiny.toml").write_text(TINY)
@@ -196,11 +203,11 @@ def test_who_asked_for_native_runs_is_told_nothing(capsys, monkeypatch):
     """The line is for those who do not know."""
     monkeypatch.setattr(machine, "find_deviations", lambda: ["NumPy uses X86_V4"])
     monkeypatch.delenv(machine.NATIVE, raising=False)
-    warn_of_own_bits()
+    warn_of_deviating_bits()
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and "NumPy uses X86_V4" in err
     monkeypatch.setenv(machine.NATIVE, "1")
-    warn_of_own_bits()
+    warn_of_deviating_bits()
     assert capsys.readouterr().err == ""
 
 
@@ -210,7 +217,7 @@ def test_a_processor_without_one_of_the_features_is_not_pinned(flag, monkeypatch
     """Those of x86-64-v3, which LLVM may use for the common processor; lzcnt is Linux's abm."""
     without = machine.read_processor_flags() - {flag}
     monkeypatch.setattr(machine, "read_processor_flags", lambda: without)
-    assert machine._target.__wrapped__() is None
+    assert machine._find_target.__wrapped__() is None
 
 
 def test_kernels_are_a_cause_of_different_digits():

@@ -85,7 +85,7 @@ def unknown(monkeypatch, tmp_path):
 
 
 def test_a_function_is_compiled_by_the_public_way(unknown, monkeypatch):
-    monkeypatch.setattr(private_interfaces, "_linking_alone", None)  # calling it fails
+    monkeypatch.setattr(private_interfaces, "_link_without_optimising", None)  # calling it fails
     pair = Pair(np.array([4.0]), np.zeros(1))
     BoundFunction(take_root, pair)()
     assert pair.y[0] == 2.0

@@ -82,6 +82,7 @@ def test_what_is_obeyed_or_not_seen_is_refused_and_escaped(text: str, found: str
     assert find_unaccepted(escaped.replace("\t", "").replace("\n", "")) == ""
 
 
+@pytest.mark.sampled(0)
 def test_a_suite_with_a_no_break_space_runs_and_is_read_back(tmp_path: Path, capsys) -> None:
     """Label, section and the paper's name of a solver; what a solver says is escaped."""
     suite, plugin, out = tmp_path / "s.toml", tmp_path / "p.py", tmp_path / "out"

@@ -99,6 +99,7 @@ def found(tmp_path_factory):
     return json.loads((place / "found.json").read_text())
 
 
+@pytest.mark.sampled(0)
 def test_the_record_and_the_table_of_runs_have_it_and_an_older_record_has_none(found):
     """The length of the parabola of a throw: v = (1, -10 t) m/s over 2 s; 40 chords are shorter, by less than 1e-4."""
     new, old = found["column"]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.judge.distance import LEVEL, find_differing, measure_distance
+from mbsbench.harness.judge.distance import LEVEL, find_significant_tests, measure_distance
 from mbsbench.harness.mechanics import so3
 
 
@@ -33,6 +33,6 @@ def test_a_pose_that_is_no_number_has_no_distance(part):
 def test_many_tests_need_smaller_chances_each():
     """A chance below the level counts alone, and not as one of several; a quantity is named once."""
     least = 0.5 * LEVEL
-    assert find_differing([(least, "x")]) == ["x"]
-    assert find_differing([(least, "x"), (0.9, "y"), (0.5, "z")]) == []
-    assert find_differing([(least / 4.0, "x"), (0.9, "y"), (least / 4.0, "x")]) == ["x"]
+    assert find_significant_tests([(least, "x")]) == ["x"]
+    assert find_significant_tests([(least, "x"), (0.9, "y"), (0.5, "z")]) == []
+    assert find_significant_tests([(least / 4.0, "x"), (0.9, "y"), (least / 4.0, "x")]) == ["x"]

@@ -15,7 +15,7 @@ from mbsbench.harness.judge.invariance import (
     Yardstick,
     describe_rerun,
     do_routes_agree,
-    is_confirmed,
+    is_fault_confirmed,
 )
 from mbsbench.tests.factories import make_record
 
@@ -57,7 +57,7 @@ def test_a_deviation_that_is_no_number_is_broken():
 def test_two_answers_apart_cannot_both_be_right():
     """One of two that differ by more than the bound is off by half of it at least, and routes may blur a tenth."""
     assert CONFIRMED + ROUTES <= 0.5
-    assert is_confirmed(0.45, 1.0) and not is_confirmed(0.35, 1.0)
+    assert is_fault_confirmed(0.45, 1.0) and not is_fault_confirmed(0.35, 1.0)
     assert do_routes_agree(0.09, 1.0) and not do_routes_agree(0.11, 1.0)
 
 

@@ -13,10 +13,10 @@ from mbsbench.harness.judge.order import (
     bound_fine_error,
     bound_remainder,
     find_least_fall,
-    is_of_motion,
+    grows_or_stays_constant,
     judge_ladder,
     measure_slopes,
-    take_power_away,
+    remove_power,
 )
 from mbsbench.harness.results.findings import Verdict
 
@@ -99,8 +99,8 @@ def test_what_does_not_fall_is_what_is_left(order):
     """Of C dt^p + D at dt and at half of it, D; without a declared order the first is taken."""
     scheme, stays = np.array([1.0, 3.0, 2.0]), np.array([0.0, 0.5, 0.25])
     fine = scheme / 2.0**order + stays
-    assert take_power_away(scheme + stays, fine, order) == pytest.approx(stays)
-    assert take_power_away(scheme + stays, scheme / 2.0 + stays, math.nan) == pytest.approx(stays)
+    assert remove_power(scheme + stays, fine, order) == pytest.approx(stays)
+    assert remove_power(scheme + stays, scheme / 2.0 + stays, math.nan) == pytest.approx(stays)
 
 
 def test_what_stays_should_fall_like_a_convergent_scheme_or_a_tolerance():
@@ -111,5 +111,5 @@ def test_what_stays_should_fall_like_a_convergent_scheme_or_a_tolerance():
 
 def test_a_residual_is_of_the_motion_if_it_grows_or_is_constant():
     t = np.linspace(0.0, 1.0, 101)
-    assert is_of_motion(t, t) and is_of_motion(t, np.ones_like(t))
-    assert not is_of_motion(t, 1.0 + np.sin(40.0 * t))
+    assert grows_or_stays_constant(t, t) and grows_or_stays_constant(t, np.ones_like(t))
+    assert not grows_or_stays_constant(t, 1.0 + np.sin(40.0 * t))

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mbsbench.harness.mechanics.fixed_order import apply, dot, inverse, product
-from mbsbench.harness.mechanics.joint_tree import _rates_about
+from mbsbench.harness.mechanics.joint_tree import _find_rates_about
 from mbsbench.tests.comparing import assert_same
 
 
@@ -32,7 +32,7 @@ def test_rates_about_hinges_are_those_of_least_squares():
     for n in (1, 2):
         turns, omega = random.standard_normal((n, 3)), random.standard_normal(3)
         expected = np.linalg.lstsq(turns.T, omega, rcond=None)[0]
-        np.testing.assert_allclose(_rates_about(turns, omega), expected, rtol=1e-12)
+        np.testing.assert_allclose(_find_rates_about(turns, omega), expected, rtol=1e-12)
 
 
 def test_inverses_are_numpys_and_exact_where_they_can_be():

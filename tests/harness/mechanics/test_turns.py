@@ -62,6 +62,7 @@ def test_the_law_adds_the_turns_of_the_start(angle):
     assert_close(energy(p.system, States.one(p.initial))[0], 0.5 * K * angle**2)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     "solver",
     [
@@ -84,6 +85,7 @@ def test_solvers_wind_a_spring_through_its_turns(solver):
     assert run.record.motion_error_max_m < 1e-4 and run.record.reference_horizon_s == 3.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("angle", "rate", "damping"), [(4.0, 5.0, 0.0), (0.0, 60.0, 0.2), (-9.0, 0.0, 0.5)])
 def test_the_reference_keeps_turns_to_its_stated_error(angle, rate, damping):
     """Up to five turns to either side."""
@@ -127,6 +129,7 @@ def test_a_spring_with_a_rest_beyond_half_a_turn_and_a_damper_is_judged_by_its_l
     assert np.max(np.abs(run.trajectory.states.Omega[:, 0, 2] - Omega)) < 1e-7
 
 
+@pytest.mark.sampled(0)
 def test_loads_of_time_go_on_where_a_piece_begins():
     """A torque M sin(w t) about the axis, off resonance, beside the free swing."""
     M, w = 6.0, 3.0

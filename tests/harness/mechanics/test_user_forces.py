@@ -63,6 +63,7 @@ def test_what_is_applied_is_the_law(seed: int) -> None:
     assert work.compute_power(SYSTEM, States.one(state))[0] == pytest.approx(np.sum(F * state.v + T * omega), rel=1e-12)
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(
     ("own", "said"), [(branched, ": it branches on the state; "), (mathematical, "user force 0 symbolically")]
 )
@@ -168,6 +169,7 @@ def test_a_law_is_compiled_once(compiled):
     assert first[0] == -5.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("change", ["stiffness", "table", "global"])
 def test_a_number_outside_of_a_law_is_part_of_it(change, compiled, monkeypatch):
     """In a closure of a function that it calls, in an array, in a global: each gives another force."""
@@ -234,6 +236,7 @@ USED = "F[0, 0] = part(t) * A"
 LINEAR, SQUARE = "A = 2.0\npart = numba.njit(lambda t: t)", "A = 2.0\npart = numba.njit(lambda t: t * t)"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("one", "other"),
     [

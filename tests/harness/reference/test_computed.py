@@ -53,6 +53,7 @@ def agree(found: Reference, exact: Reference, t: np.ndarray) -> bool:
     return bool(np.all(gap <= found.error(t) + exact.error(t)))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", EXACT)
 def test_it_is_the_exact_motion_within_its_stated_error(name: str) -> None:
     """Theta functions or a planar linkage on one side, full systems in space on the other: no common equation."""
@@ -103,6 +104,7 @@ def test_a_nearly_massless_axis_changes_nothing_where_a_hinge_holds_it(light: fl
     assert len(found.orbit.y) < 1.2 * len(even.orbit.y)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("tilt", [(0.0, 0.0, 0.0), (0.4, -1.1, 0.6)], ids=["principal", "tilted"])
 @pytest.mark.parametrize("light", [3e-6, 1e-7, 1e-9])  # at ``LIGHT`` itself rounding decides
 def test_a_nearly_massless_axis_has_the_motion_of_the_formula(light: float, tilt: tuple[float, float, float]) -> None:
@@ -147,11 +149,16 @@ def _weaken(freedoms):
 
 
 FAULTS = [  # route, function, the same with a fault, motion
-    (NewtonEuler, "_forces", lambda own: lambda self, r, R, v, Omega, t: own(self, r, R, v, 0.8 * Omega, t), "free"),
-    (NewtonEuler, "_gamma", lambda own: lambda self, *a: -own(self, *a), "pendulum"),
-    (NewtonEuler, "_gamma", lambda own: lambda self, *a: -own(self, *a), "grid"),
-    (Directors, "_forces", lambda own: lambda self, *a: 1.001 * own(self, *a), "pendulum"),
-    (Directors, "_freedoms", lambda own: lambda self, x: _weaken(own(self, x)), "free"),
+    (
+        NewtonEuler,
+        "_sum_forces",
+        lambda own: lambda self, r, R, v, Omega, t: own(self, r, R, v, 0.8 * Omega, t),
+        "free",
+    ),
+    (NewtonEuler, "_evaluate_gamma", lambda own: lambda self, *a: -own(self, *a), "pendulum"),
+    (NewtonEuler, "_evaluate_gamma", lambda own: lambda self, *a: -own(self, *a), "grid"),
+    (Directors, "_sum_forces", lambda own: lambda self, *a: 1.001 * own(self, *a), "pendulum"),
+    (Directors, "_reduce_rigidity", lambda own: lambda self, x: _weaken(own(self, x)), "free"),
 ]
 
 
@@ -166,6 +173,7 @@ def test_an_error_in_one_route_is_found_out(route, name, fault, of, monkeypatch,
         assert agree(found, p.reference(), np.linspace(0.0, found.horizon, 21))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["pendulum", "top", "grid"])
 def test_collocation_finds_the_exact_motion(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """Stiff routes where nothing is stiff."""
@@ -178,6 +186,7 @@ def test_collocation_finds_the_exact_motion(name: str, monkeypatch: pytest.Monke
     assert np.max(found.error(t)) < 1e-10 and agree(found, exact, t)
 
 
+@pytest.mark.sampled(0)
 def test_a_stiff_system_has_a_reference_to_its_end(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """A governor with a transient of 0.1 ms, over 10 s; its first tenth of a second is that of explicit steps."""
     monkeypatch.setattr(orbit, "FOLDER", tmp_path)

@@ -16,7 +16,7 @@ def test_rates_by_tape_are_those_by_numpy(name):
     problem = registry.make_problem(name, {})
     state = perturb(problem.system, problem.initial, 1e-2, 1)
     first, second = NewtonEuler(problem.system), Directors(problem.system)
-    y, z = first.project_state(first.start(state)), second.start(state)
+    y, z = first.project_state(first.pack_state(state)), second.pack_state(state)
     plain = first.rate(y), second.rate(z[None])[0]
     first.compile()
     second.compile()

@@ -88,6 +88,7 @@ SUITE = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "refuse
 WITH = ("--plugin", str(PLUGIN))
 
 
+@pytest.mark.sampled(0)
 def test_verify_and_diff(command, tmp_path, capsys, monkeypatch):
     """The same code: every run again bit for bit. A record that says otherwise: found, with its numbers."""
     monkeypatch.chdir(tmp_path)

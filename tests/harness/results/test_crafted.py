@@ -20,7 +20,7 @@ from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import read_series, write_series
 from mbsbench.harness.results.words import list_reasons
 from mbsbench.harness.run import run_file
-from mbsbench.harness.run.handover import Handover, SolverReport, read, write
+from mbsbench.harness.run.handover import Handover, SolverReport, read_handover, write_handover
 from mbsbench.harness.run.remaining_time import read_durations
 from mbsbench.tests.factories import change_series, make_series
 
@@ -121,7 +121,7 @@ def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
     for module, call, error in (
         ("results.series", lambda: read_series(bomb), FileError),
         ("run.run_file", lambda: run_file.read_run(bomb), ValueError),
-        ("run.handover", lambda: read(bomb, assemble([RigidBody(1.0, np.eye(3))])), FileError),
+        ("run.handover", lambda: read_handover(bomb, assemble([RigidBody(1.0, np.eye(3))])), FileError),
     ):
         monkeypatch.setattr(f"mbsbench.harness.{module}.LARGEST", 2**14)
         with pytest.raises(error, match="bytes"):
@@ -164,9 +164,9 @@ def test_what_a_solver_hands_over_is_of_its_problem(tmp_path, arrays):
     said = np.asarray(json.dumps({"claimed": "success"}))
     np.savez(tmp_path / "x.npz", said=said, **({"t": np.zeros(1)} | arrays))
     with pytest.raises(FileError, match="cannot be used"):
-        read(tmp_path / "x.npz", system)
-    write(tmp_path / "x.npz", Handover(SolverReport(message="refused"), None))
-    assert read(tmp_path / "x.npz", system).trajectory is None  # type: ignore[union-attr]
+        read_handover(tmp_path / "x.npz", system)
+    write_handover(tmp_path / "x.npz", Handover(SolverReport(message="refused"), None))
+    assert read_handover(tmp_path / "x.npz", system).trajectory is None  # type: ignore[union-attr]
 
 
 def test_a_series_that_is_missing_is_named():

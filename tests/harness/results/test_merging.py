@@ -7,7 +7,7 @@ import pytest
 
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.results import environment, stamps, store
-from mbsbench.harness.results.merging import find_codes, merge
+from mbsbench.harness.results.merging import find_mixed_codes, merge
 from mbsbench.tests.factories import run_suite_text
 
 from ..conftest import TIMED
@@ -85,6 +85,6 @@ def test_code_is_compared_for_each_problem_and_solver(whole):
     """Shards of one suite with several solvers are of one code, though each solver has a digest of its own."""
     records = store.load(whole).records
     other = dataclasses.replace(records[0], solver="another", code="f" * 16)
-    assert find_codes([*records, other]) == ()
+    assert find_mixed_codes([*records, other]) == ()
     newer = dataclasses.replace(records[0], code="0" * 16)
-    assert find_codes([*records, newer]) == ("0" * 16, records[0].code)
+    assert find_mixed_codes([*records, newer]) == ("0" * 16, records[0].code)

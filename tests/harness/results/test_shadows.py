@@ -3,7 +3,14 @@
 import pytest
 
 from mbsbench.harness.base.files import FileError
-from mbsbench.harness.results.shadows import FILE, SYMPLECTIC, NearestMotion, choose_nearest, keep_nearest, read_nearest
+from mbsbench.harness.results.shadows import (
+    FILE,
+    SYMPLECTIC,
+    NearestMotion,
+    choose_nearest,
+    read_nearest,
+    store_nearest,
+)
 from mbsbench.tests.factories import make_record
 
 CHAIN = {"problem": "chain", "solver": "rattle", "status": "inaccurate"}
@@ -13,8 +20,8 @@ def test_a_run_has_its_own_else_that_of_its_published_settings(tmp_path) -> None
     """By run_id and by case; other settings have none."""
     cases = {"a1": "mine", "b2": "chain rattle dt=0.001", "c3": "chain rattle"}
     own, like, other = (make_record(**CHAIN, run_id=run, case=case) for run, case in cases.items())
-    keep_nearest(tmp_path, make_record(**CHAIN, run_id="d4", case="another"), NearestMotion())
-    keep_nearest(tmp_path, own, NearestMotion(5.0, 5.77e-4, 1.65e-4, 1e-12))
+    store_nearest(tmp_path, make_record(**CHAIN, run_id="d4", case="another"), NearestMotion())
+    store_nearest(tmp_path, own, NearestMotion(5.0, 5.77e-4, 1.65e-4, 1e-12))
     known = read_nearest(tmp_path)
     found, published = choose_nearest(own, known), choose_nearest(like, known)
     assert found is not None and published is not None and choose_nearest(other, known) is None

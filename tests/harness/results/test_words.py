@@ -10,7 +10,7 @@ from rich.console import Console
 
 from mbsbench.cli import show
 from mbsbench.cli.progress import ProgressDisplay
-from mbsbench.cli.solve import summarize
+from mbsbench.cli.solve import summarize_record
 from mbsbench.harness.base.cache import ROOT
 from mbsbench.harness.judge.conformance import trials
 from mbsbench.harness.judge.gate.check import _judge_status
@@ -58,7 +58,7 @@ def test_a_status_says_until_when_its_motion_was_compared(changed, words):
     """On the terminal, in the gate, and, from the same function, on pages."""
     record = dataclasses.replace(LAWFUL, **changed)
     assert describe_status(record) == words
-    assert any(line.startswith("status") and words in line for line in summarize(record))
+    assert any(line.startswith("status") and words in line for line in summarize_record(record))
     if record.status == "success":
         assert _judge_status("case", record, None, "").why == describe_comparison(record)
 
@@ -92,7 +92,7 @@ def test_what_is_said_beside_a_status_is_said_wherever_it_is_shown(status, monke
     assert qualify_status(r) == BESIDE and describe_status(r) == f"{status}, {BESIDE}"
     expected = ExpectedStatus("a bar", Status(status), "as known")
     shown = {
-        "solve": "\n".join(summarize(r)),
+        "solve": "\n".join(summarize_record(r)),
         "run": show_progress(r, monkeypatch),
         "gate": _judge_status("a bar", r, expected, "").why,
         "closed gate": _judge_status("a bar", r, ExpectedStatus("a bar", Status.REFUSED, ""), "").why,

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mbsbench.cli.full_series import find_brief
+from mbsbench.cli.full_series import find_brief_runs
 from mbsbench.cli.progress import run_watched
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue import codes
@@ -109,8 +109,8 @@ def test_a_bundle_is_the_same_from_either_file(full, brief):
 def test_steps_on_demand_are_those_of_the_run_bit_for_bit(full, brief, tmp_path):
     """Rows of a run made with all its steps, against those solved again for a run that kept envelopes."""
     folder, records = brief
-    assert {r.run_id for r in find_brief(folder, list(records.values()))} == {r.run_id for r in records.values()}
-    assert find_brief(full[0], list(full[1].values())) == []
+    assert {r.run_id for r in find_brief_runs(folder, list(records.values()))} == {r.run_id for r in records.values()}
+    assert find_brief_runs(full[0], list(full[1].values())) == []
     found = solve_again(folder, list(records.values()), tmp_path / "again", lossless=False)
     for settings, record in records.items():
         whole, series = store.read_run_series(full[0], full[1][settings]), found[record.run_id]

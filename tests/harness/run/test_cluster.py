@@ -95,9 +95,9 @@ def test_a_disk_that_is_full_here_is_no_fault_of_the_cluster(tmp_path):
     suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
     job = Job(suite.specs[0], tmp_path / "gone")
     with pytest.raises(PoolError, match=r"cannot write to .*gone: No such file"):
-        cluster_module._store(job, {"runs/x.json": b""})
+        cluster_module._store_files(job, {"runs/x.json": b""})
     pool = DaskPool("nowhere")
-    pool._collect = lambda: cluster_module._store(job, {"runs/x.json": b""})  # type: ignore[method-assign]
+    pool._collect = lambda: cluster_module._store_files(job, {"runs/x.json": b""})  # type: ignore[method-assign]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cluster_module, "_connect_client", lambda address: MagicMock(nthreads=lambda: {"w": 1}))
         with pytest.raises(PoolError, match="cannot write"):

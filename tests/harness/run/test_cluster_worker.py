@@ -22,6 +22,7 @@ from mbsbench.tests.factories import PLUGIN, Silent
 TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises", "spins"]\ncpu_limit = 100\n'
 
 
+@pytest.mark.sampled(0)
 def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
     """Two runs one after the other in one supervisor; the third never returns and is ended from another thread."""
     store.create_folder(tmp_path)
@@ -35,7 +36,7 @@ def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
 
     def ends(text: str):
         job = Job.from_json(text)
-        cluster._store(job, cluster.run_job(text, "ticket").files)
+        cluster._store_files(job, cluster.run_job(text, "ticket").files)
         return store.read_record(tmp_path / "runs" / f"{job.id}.json")
 
     try:
@@ -98,6 +99,7 @@ HOSTILE = {  # what the first run does in the folder of its worker: how many res
 }
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("how", HOSTILE)
 def test_one_run_costs_a_clusters_suite_no_other(tmp_path, monkeypatch, how):
     """The others are run and kept; what it wrote elsewhere is not taken, and is told at the end."""

@@ -80,6 +80,7 @@ def check_solver(calls, solver):
         check_call(call)
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("solver", SOME)
 def test_no_code_is_made_in_the_time_of_some_solvers(few_calls, solver):
     """Of one that is compiled here and one of SUNDIALS, with every option of the suites."""

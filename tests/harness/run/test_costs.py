@@ -235,9 +235,9 @@ def test_those_at_once_are_known_not_to_take_long(cold):
     """Neither one that is to be compiled, nor one whose cost nobody knows, nor a long run; compiled, it is."""
     fixed = [specify_run("chain", name, dt=dt) for name, dt in (("mujoco", 0.01), ("rattle", 0.01), ("exudyn", 1e-5))]
     specs = [*fixed, specify_run("chain", "dart", dt=0.01), specify_run("chain", "ida_index1", rtol=1e-4)]
-    assert costs.select_quick(specs) == {"mujoco", "ida_index1"}
+    assert costs.select_quick_solvers(specs) == {"mujoco", "ida_index1"}
     WarmCaches().add(["rattle"])
-    assert costs.select_quick(specs) == {"mujoco", "ida_index1", "rattle"}
+    assert costs.select_quick_solvers(specs) == {"mujoco", "ida_index1", "rattle"}
 
 
 @pytest.mark.parametrize("command", ["judge", "report", "judged_report", "fuzz", "shadow"])
@@ -249,6 +249,7 @@ def test_a_command_takes_longer_for_more(cold, command):
     assert describe_command(command, 2 * many, 2) == describe_command(command, many)
 
 
+@pytest.mark.sampled(0)
 def test_judging_and_reports_say_what_they_will_take(cold, tmp_path, capsys):
     """On standard error, before they begin."""
     suite, out = tmp_path / "few.toml", tmp_path / "few"
@@ -265,6 +266,7 @@ def test_judging_and_reports_say_what_they_will_take(cold, tmp_path, capsys):
         assert words in capsys.readouterr().err
 
 
+@pytest.mark.sampled(0)
 def test_the_first_part_of_a_suite_announces_the_whole(cold, tmp_path, capsys):
     """Its runs, and judging and a report after this part and after the rest, as ``make bench`` does."""
     (tmp_path / "part.toml").write_text(TEXT)

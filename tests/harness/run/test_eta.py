@@ -24,7 +24,7 @@ def test_what_is_left_goes_at_the_pace_of_what_has_ended():
     """Runs expected at 1, 10 and 40 s; after 200 s of runs that were expected at 100, the others take twice as long."""
     short, long, longest, *_ = list_falls()
     e = Expectation({short.settings_id: 100.0, long.settings_id: 10.0, longest.settings_id: 40.0})
-    assert e.estimate_run(long) == 10.0 and e.estimate_left([], [long, long], 2) == 10.0
+    assert e.estimate_run(long) == 10.0 and e.estimate_time_left([], [long, long], 2) == 10.0
     e.note_time(short, 200.0)
     assert e.estimate_run(long) == pytest.approx(20.0, rel=0.02) and e.estimate_run(longest) == pytest.approx(
         80.0, rel=0.02
@@ -52,9 +52,10 @@ def test_progress_counts_work():
     e = Expectation({short.settings_id: 0.1, long.settings_id: 40.0})
     for _ in range(57):
         e.note_time(short, 0.1)
-    assert e.compute_done_share([], [long]) == pytest.approx(5.7 / 45.7)
+    assert e.compute_done_fraction([], [long]) == pytest.approx(5.7 / 45.7)
     assert (
-        e.compute_done_share([(long, 20.0)], []) == pytest.approx(25.7 / 45.7) and e.compute_done_share([], []) == 1.0
+        e.compute_done_fraction([(long, 20.0)], []) == pytest.approx(25.7 / 45.7)
+        and e.compute_done_fraction([], []) == 1.0
     )
 
 

@@ -3,6 +3,8 @@
 import json
 import math
 
+import pytest
+
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, format_record
@@ -34,6 +36,7 @@ def test_each_run_is_timed_once_a_turn_and_a_slow_one_is_not_repeated(monkeypatc
     assert in_turns.take_turns(runs, 3, budget=-1.0) == [[1.0]] * 2
 
 
+@pytest.mark.sampled(0)
 def test_records_hold_the_times_of_the_turns_and_nothing_else_changes(tmp_path, capsys):
     """Runs that crashed are not timed; timing again replaces the note."""
     (tmp_path / "pair.toml").write_text(SUITE)

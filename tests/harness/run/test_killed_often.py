@@ -69,6 +69,7 @@ def suspend(process):
         time.sleep(SUSPENDED if call == "suspend" else 0.0)
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(
     ("RUNS", "KILLS", "SUSPENSIONS"),
     [(15, 2, 1), *(pytest.param(*many, marks=pytest.mark.slow) for many in ((30, 2, 1), (100, 20, 5)))],

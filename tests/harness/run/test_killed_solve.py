@@ -50,6 +50,7 @@ def gone(process: psutil.Process) -> bool:
     return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("number", "code", "words"), [(signal.SIGINT, 130, True), (signal.SIGTERM, 143, True), (signal.SIGKILL, -9, False)]
 )
@@ -68,6 +69,7 @@ def test_an_interrupted_solve_leaves_what_was_there(tmp_path, number, code, word
         assert file.files == ["before"]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_killed_run_of_solve_is_its_result(tmp_path, number):
     """The process that integrates is killed by somebody: status, message and exit code 1, in a whole file."""

@@ -53,6 +53,7 @@ def ends(folder, jobs):
     return {r.solver + r.solver_options: r.status for r in found}
 
 
+@pytest.mark.sampled(0)
 def test_a_busy_machine_changes_no_status(tmp_path, busy):
     """Each run gets a third of a core or less: what needs half of its CPU time ends well, however long it waits."""
     status = ends(tmp_path / "run", 2 * busy)

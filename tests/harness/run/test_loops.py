@@ -47,7 +47,7 @@ def timed(monkeypatch):
         monkeypatch.setattr(worker, "_solve_timed", clock.solve)
         monkeypatch.setattr(worker, "cpu_seconds", clock.cpu_seconds)
         monkeypatch.setattr(worker.time, "monotonic", clock.monotonic)
-        monkeypatch.setattr(worker, "_reading_seconds", lambda: 0.0)
+        monkeypatch.setattr(worker, "_measure_reading_time", lambda: 0.0)
         control = StepControl(dt=0.1, cpu_limit=limit)
         problem = registry.make_problem("free_fall", {})
         return worker.solve_repeatedly(solver, problem, control, repeats, min_time)[1]
@@ -148,7 +148,7 @@ def test_reading_the_clock_is_not_the_solvers_cost():
     """It is left out of each solve, and leaves nothing below zero."""
     assert average_loop_times([1e-3] * 9, OURS, 1e-6) == pytest.approx([0.999e-3] * 8)
     assert average_loop_times([0.0] * 10, OURS, 1e-6) == [0.0] * 3
-    assert 0.0 < worker._reading_seconds() < 1e-4
+    assert 0.0 < worker._measure_reading_time() < 1e-4
 
 
 def test_what_a_plugin_prepared_in_its_first_solve_is_its_cost(timed):

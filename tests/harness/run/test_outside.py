@@ -50,6 +50,7 @@ def started(tmp_path, text):
     return process, psutil.Process(process.pid).children(recursive=True)
 
 
+@pytest.mark.sampled(0)
 def test_a_suspension_longer_than_the_limit_costs_no_run(tmp_path):
     """The supervisor alone, stopped for twice the limit and continued: the run ends as it would have."""
     process, children = started(tmp_path, SLEEPS.format(wall=1.0, seconds="1.0"))
@@ -61,6 +62,7 @@ def test_a_suspension_longer_than_the_limit_costs_no_run(tmp_path):
     assert (process.returncode, record.status) == (0, "success"), out
 
 
+@pytest.mark.sampled(0)
 def test_a_run_killed_from_outside_is_repeated_once_and_alone(tmp_path):
     """It is said that it was killed, --resume runs it beside no other, and a second time it is its own doing."""
     process, children = started(tmp_path, SLEEPS.format(wall=30.0, seconds="[1.0, 0.0]"))
@@ -99,6 +101,7 @@ def test_a_record_that_changes_behind_the_runner_is_noticed(tmp_path, monkeypatc
         run_suite_text(tmp_path / "run", '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', 1)
 
 
+@pytest.mark.sampled(0)
 def test_a_parent_that_ignores_its_children_changes_nothing(tmp_path):
     """SIGCHLD ignored is inherited: the system would keep no exit code for anybody."""
     suite = tmp_path / "s.toml"

@@ -73,7 +73,7 @@ def other_code(monkeypatch):
     def change():
         other = msgspec.structs.replace(codes.read_column_digests(), measuring="another law")
         monkeypatch.setattr(codes, "read_column_digests", lambda: other)
-        monkeypatch.setattr(remeasure, "open_sources", lambda: nullcontext(lambda commit: codes.ROOT))
+        monkeypatch.setattr(remeasure, "provide_commit_folders", lambda: nullcontext(lambda commit: codes.ROOT))
         monkeypatch.setenv("STRICTER", "1")
 
     return change
@@ -90,6 +90,7 @@ def command(folder, *plugins):
 HOW = [(how, again) for how in ("lossless", "every row", "brief") for again in (False, True)]
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(("how", "again"), few(HOW, lambda case: case[1] is (case[0] == "brief")))
 def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, how, again):
     """Numbers, costs and files are those of before; the status is that of the law; a suite finds all of it done."""
@@ -124,6 +125,7 @@ def test_a_law_that_changes_needs_no_new_motion(tmp_path, strict, other_code, ho
     assert watcher.ran == [] and watcher.set_aside == []
 
 
+@pytest.mark.sampled(0)
 def test_a_motion_with_other_bits_is_left_as_it_is(tmp_path, monkeypatch, other_code, capsys):
     """It is named; the others are measured again."""
     folder = tmp_path / "run"
@@ -174,7 +176,7 @@ def test_what_is_more_than_a_law_is_run_again(tmp_path, made, monkeypatch, other
         monkeypatch.setattr(command_module, "find_outdated", lambda records, plugins: list(records))
         monkeypatch.setattr(store, "select_newest", lambda records: [replace(r, commit="0" * 40) for r in records])
     else:
-        monkeypatch.setattr(remeasure, "open_sources", lambda: nullcontext(lambda commit: codes.ROOT))
+        monkeypatch.setattr(remeasure, "provide_commit_folders", lambda: nullcontext(lambda commit: codes.ROOT))
     assert main(command(folder)) == 1
     said = capsys.readouterr().out
     assert "0 runs measured again" in said and WORDS[what] in said
@@ -191,6 +193,7 @@ WORDS = {
 }
 
 
+@pytest.mark.sampled(0)
 def test_an_interruption_keeps_what_is_done(tmp_path, made, monkeypatch, other_code):
     """Runs are replaced some at a time; the others are measured the next time."""
     folder = shutil.copytree(made, tmp_path / "run")
@@ -214,7 +217,7 @@ def test_an_interruption_keeps_what_is_done(tmp_path, made, monkeypatch, other_c
 
 def test_the_code_of_a_commit_is_read_once(tmp_path):
     """Its digests are those of its files; an unknown commit is refused in words."""
-    with remeasure.open_sources() as folder_of:
+    with remeasure.provide_commit_folders() as folder_of:
         head = environment.read_commit().removesuffix("+dirty")
         then = folder_of(head)
         assert then is folder_of(head) and then != codes.ROOT

@@ -59,7 +59,7 @@ SLEEPS = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\noptions = { second
 
 def killing(monkeypatch, before=(), after=()):
     """The supervisor is killed just before or just after these jobs are sent to it; what each was sent beside."""
-    sends, send = [], LocalPool._send
+    sends, send = [], LocalPool._send_job
 
     def deadly(self, supervisor, job):
         process = supervisor.process
@@ -72,7 +72,7 @@ def killing(monkeypatch, before=(), after=()):
         if number in after:
             process.kill()
 
-    monkeypatch.setattr(LocalPool, "_send", deadly)
+    monkeypatch.setattr(LocalPool, "_send_job", deadly)
     return sends
 
 
@@ -84,6 +84,7 @@ def test_a_supervisor_that_dies_before_a_job_is_sent_costs_nothing(tmp_path, mon
     assert "3 runs: 3 success" in capsys.readouterr().out
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_signal_to_all_ends_all(tmp_path, number, code):
     """To the whole group, as Ctrl-C or a batch system send it: what a solver has started goes too."""
@@ -117,6 +118,7 @@ def test_output_to_a_closed_pipe_is_no_success(tmp_path, monkeypatch):
     assert main(["gate"]) == 141
 
 
+@pytest.mark.sampled(0)
 def test_a_run_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text, tmp_path, monkeypatch):
     """Two deaths from outside: called a crash only when it ran alone, and even that is no result for good."""
     with monkeypatch.context() as patch:
@@ -132,6 +134,7 @@ def test_a_run_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text, 
     assert "supervisor_lost" in (aside / "why.txt").read_text()
 
 
+@pytest.mark.sampled(0)
 def test_a_success_whose_news_is_lost_is_done_again(run_text, monkeypatch):
     """Its supervisor dies before it says that the record there is one: the run is not called lost, and ends alike."""
     receive, lost = Supervised.receive, []
@@ -149,6 +152,7 @@ def test_a_success_whose_news_is_lost_is_done_again(run_text, monkeypatch):
     assert lost and [r.status for r in loaded.records] == ["success"] * 3 and len(watcher.ran) == 3
 
 
+@pytest.mark.sampled(0)
 def test_what_a_supervisor_told_before_its_end_is_read_first(run_text, monkeypatch):
     """It ends right after its news, unread when the next order goes out: the run that is done is not done again."""
     send, starts = Supervised.send, []
@@ -224,6 +228,7 @@ def test_a_used_folder_is_not_overwritten(run_text, done):
         run_text(THREE)
 
 
+@pytest.mark.sampled(0)
 def test_table_does_not_depend_on_jobs(run_text, tmp_path):
     """One process or three: the same rows in the same order, bit for bit but for times."""
     text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.5]'
@@ -271,6 +276,7 @@ def test_overhead_is_small(run_text):
     assert min(costs) < 0.15
 
 
+@pytest.mark.sampled(0)
 def test_runs_of_older_code_are_set_aside_and_made_anew(tmp_path, monkeypatch):
     """One of two solvers has changed since: its run alone is made again, the other's result stays as it is."""
     suite = parse_suite(
@@ -297,6 +303,7 @@ def test_runs_of_older_code_are_set_aside_and_made_anew(tmp_path, monkeypatch):
     assert f"{before['exact'].run_id}.json: the run was made with other code and is repeated" in why
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("many", few([300, 3000], lambda many: many < 1000))
 def test_thousands_of_foreign_files_are_one_line(tmp_path, capsys, many):
     """How many, the first and why it is no record; each is set aside, with its reason in one note."""

@@ -2,9 +2,11 @@
 
 import time
 
+import pytest
+
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue.suites.suite import parse_suite
-from mbsbench.harness.judge.gate.check import is_open, judge
+from mbsbench.harness.judge.gate.check import is_open, judge_runs
 from mbsbench.harness.judge.gate.thresholds import Thresholds
 from mbsbench.harness.mechanics.types import EndCause
 from mbsbench.harness.results import store
@@ -65,7 +67,7 @@ def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
     assert all("limit of 600 s" in describe_ending(ended[s]) for s in ("hangs_later", "spins"))
     assert ended["hangs_later"].steps > 0 and ended["hangs_later"].series and ended["spins"].steps == 0
     assert len(watcher.left) == 4 and all("sleeps" in case or "raises" in case for case in watcher.left)
-    verdict = judge(suite.specs, loaded.records, Thresholds("test"))
+    verdict = judge_runs(suite.specs, loaded.records, Thresholds("test"))
     words = [f.why for f in verdict if f.quantity == "status" and f.verdict is Verdict.FAILED]
     assert not is_open(verdict) and sum("run is missing" in w for w in words) == 4
     assert sum("limit of 600 s" in w for w in words) == 2
@@ -78,6 +80,7 @@ class OverAtOnce(LocalPool):
         return self._stopped or bool(self._flying)
 
 
+@pytest.mark.sampled(0)
 def test_what_the_limit_ended_is_run_again_on_resume(tmp_path):
     """A sound run that had no time is no failure: its record goes aside, and with time enough it succeeds."""
     text = 'total_limit = 600\n[defaults]\nproblem = "free_fall"\n'
@@ -107,6 +110,7 @@ def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
     assert [path.name for path in list_record_files(folder, record)] == ["abc.json", "abc.npz"]
 
 
+@pytest.mark.sampled(0)
 def test_the_run_says_what_is_left(tmp_path, capsys):
     """How many and which, exit code 1; resumed with time enough, it ends in order."""
     suite = tmp_path / "s.toml"
@@ -123,6 +127,7 @@ def test_the_run_says_what_is_left(tmp_path, capsys):
     assert len(store.load(tmp_path / "out").records) == 3 and "not started" not in capsys.readouterr().err
 
 
+@pytest.mark.sampled(0)
 def test_the_limit_holds_by_cpu_time(tmp_path, begun_here):
     """Deaf solvers included; from the first run on, for what is compiled before has limits of its own."""
     text = TEXT.replace("600", "1.5").replace('["sleeps", "raises"]', '"spins"')

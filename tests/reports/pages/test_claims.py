@@ -27,7 +27,7 @@ from mbsbench.reports.model.claim_words import (
     list_rows,
 )
 from mbsbench.reports.pages.judged.claims import VERDICTS, count_verdicts, list_differences, make_grids, select_claims
-from mbsbench.reports.pages.svg import choose_scale, describe_bar, draw_number_line
+from mbsbench.reports.pages.svg import choose_scale, describe_number_line, draw_number_line
 
 from . import synthetic
 
@@ -91,7 +91,7 @@ def test_a_band_may_be_open_at_one_end():
     assert format_band(synthetic.TEST) == "0 to 0.05 m"
     assert format_band(replace(synthetic.TEST, band=(None, 0.05))) == "at most 0.05 m"
     assert format_band(replace(synthetic.TEST, band=(1.0, None), unit="")) == "at least 1"
-    assert describe_bar(0.02, -math.inf, 0.05, "m") == "measured 0.0200 m; band at most 0.0500 m"
+    assert describe_number_line(0.02, -math.inf, 0.05, "m") == "measured 0.0200 m; band at most 0.0500 m"
 
 
 def test_a_number_that_does_not_exist_is_said_so():
@@ -220,12 +220,16 @@ def test_the_number_shown_is_that_of_its_row_and_of_its_command():
     test = replace(synthetic.TEST, measured=0.02)
     good, bad = (replace(synthetic.ROW, measured=x, holds=h) for x, h in ((0.02, True), (0.5, False)))
     twice = replace(synthetic.CLAIM, tests=(test,), map=(good, replace(good, measured=0.01)))
-    assert claim_groups.name_shown(twice) == "the setting that speaks most against it"
-    assert claim_groups.name_shown(replace(twice, map=(good, bad))) == "the setting that meets it best"
+    assert claim_groups.name_shown_setting(twice) == "the setting that speaks most against it"
+    assert claim_groups.name_shown_setting(replace(twice, map=(good, bad))) == "the setting that meets it best"
     printed = replace(good, printed=True, more=2)
     one = replace(twice, map=(bad, printed), because=replace(twice.because, across="step"))
-    assert claim_groups.name_shown(one) == "the one printed setting that counts, from 3 runs along step"
-    assert claim_groups.find_shown(replace(twice, tests=())) is None is claim_groups.find_shown(replace(twice, map=()))
+    assert claim_groups.name_shown_setting(one) == "the one printed setting that counts, from 3 runs along step"
+    assert (
+        claim_groups.find_shown_row(replace(twice, tests=()))
+        is None
+        is claim_groups.find_shown_row(replace(twice, map=()))
+    )
 
 
 def test_a_sentence_names_two_of_many_combinations_and_their_rest():

@@ -10,7 +10,7 @@ from mbsbench.harness.results.judgements.runs import WorkProfile
 from mbsbench.reports.model.results import group_by, read_results
 from mbsbench.reports.pages.judged.cost import find_work, list_fields, make_cost_plots, sort_profiles
 from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, find_fit_ends, list_points, mark_verdict
-from mbsbench.reports.pages.judged.symmetries import tally
+from mbsbench.reports.pages.judged.symmetries import summarize_outcomes
 from mbsbench.reports.plots.work import make_step_line, plot_profile
 from mbsbench.tests.comparing import assert_each, assert_same
 from mbsbench.tests.factories import make_measured_record, make_swing
@@ -43,13 +43,13 @@ def test_an_order_above_the_declared_one_has_a_mark_of_its_own_and_is_no_failure
 
 def test_a_check_that_decides_nothing_is_no_success():
     """Its box says so, and it is not counted among those that hold."""
-    mark, count = tally([synthetic.SYMMETRY, replace(synthetic.SYMMETRY, verdict="undecided")])
+    mark, count = summarize_outcomes([synthetic.SYMMETRY, replace(synthetic.SYMMETRY, verdict="undecided")])
     assert (mark.word, mark.kind, count) == ("not decided", "refused", "1 of 2")
 
 
 def test_box_of_the_scorecard_shows_its_worst_outcome():
     found = group_by(synthetic.symmetries(["aa01"]), lambda s: (s.solver, s.title))
-    boxes = {key: tally(own) for key, own in found.items()}
+    boxes = {key: summarize_outcomes(own) for key, own in found.items()}
     assert boxes["alpha", "time reversal"][0].word == "broken" and boxes["alpha", "time reversal"][1] == "1 of 2"
     assert boxes["alpha", "yaw"][0].word == "holds"
     assert boxes["gamma", "yaw"][1] == ""  # what does not apply is not counted

@@ -29,7 +29,7 @@ def drawn(folder, name):
     results = read_results(folder, check_series=False)
     own = lines.match_runs(BY_NAME[name].picks, suite(), results.runs, results.readable_series)
     with apply_style():
-        return build.draw(BY_NAME[name], own, spec.choose_styles({k.asked.solver for k in own})), own
+        return build.draw_panels(BY_NAME[name], own, spec.choose_styles({k.asked.solver for k in own})), own
 
 
 def one(folder, name, suffixes=("png",)):
@@ -63,6 +63,7 @@ def of_label(label: str, every: int = 1) -> list:
     return [f for f in FIGURES if f.label == label][::every]
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(
     "figures",
     [
@@ -88,6 +89,7 @@ def test_every_figure_is_made(whole, figures):
             assert c["numbers"]["t_reached_s"] == own.t_reached_s
 
 
+@pytest.mark.sampled(0)
 def test_files_for_print_hold_their_fonts_and_do_not_change(whole, tmp_path):
     """TrueType in the PDF, paths in the SVG; the same records give the same bytes."""
     folder, _ = whole

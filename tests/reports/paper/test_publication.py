@@ -20,7 +20,7 @@ from mbsbench.reports import publication
 from mbsbench.reports.model import tables
 from mbsbench.reports.model.floats import format_latex_caption
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.plots.paper import DOUBLE, SINGLE, apply_style, save
+from mbsbench.reports.plots.paper import DOUBLE, SINGLE, apply_style, save_figure
 from mbsbench.tests.factories import make_measured_record, make_swing
 
 from ..conftest import every_kind, put
@@ -108,7 +108,7 @@ def test_widths_are_those_of_a_journal(results):
     } <= set(made)
     folder = ConfinedPath(results.folder) / "widths"
     for name in ("pendulum-recommended-constraints", "pendulum-work"):
-        (pdf,) = save(made[name][1], folder, name, ("pdf",))
+        (pdf,) = save_figure(made[name][1], folder, name, ("pdf",))
         box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf.read_bytes())
         assert float(box[1]) == pytest.approx(made[name][0] * 72.0, abs=0.1)
         assert b"/FontFile2" in pdf.read_bytes()
@@ -132,6 +132,7 @@ def test_floats_have_captions_and_labels(results, capsys, only):
     assert ours.isascii() and r"$\dot\phi$ $\phi$ $\Delta$t 10$^{-}$$^5$" in ours
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="no LaTeX on this machine")
 def test_latex_takes_the_floats(tmp_path):
     """With the packages that its first line names."""

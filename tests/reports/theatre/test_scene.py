@@ -5,7 +5,7 @@ import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses
 from mbsbench.reports.mechanism.theatre.scene import collect_players, make_scene
-from mbsbench.reports.mechanism.theatre.shapes import STRIPS, list_marks, make_shapes, make_strips, strip
+from mbsbench.reports.mechanism.theatre.shapes import STRIPS, list_marks, make_shapes, make_strips, reduce_to_spans
 from mbsbench.reports.model.results import StoredRun
 from mbsbench.reports.pages.runs.theatre import find_size_limit
 from mbsbench.tests.comparing import assert_close, assert_each
@@ -23,7 +23,7 @@ def test_strips_keep_every_extreme(n):
     a = random.normal(size=n) * 10.0 ** random.integers(-12, 3, n)
     a[random.uniform(size=n) < 0.2] = np.nan
     a[0] = 1.0
-    low, high = strip(t, a, 2.0, 50)
+    low, high = reduce_to_spans(t, a, 2.0, 50)
     assert np.nanmin(low) == np.nanmin(a) and np.nanmax(high) == np.nanmax(a)
     assert np.nanargmax(high) == min(int(t[np.nanargmax(a)] / 2.0 * 50), 49)
     assert_each(low[np.isfinite(low)], "<=", high[np.isfinite(high)])

@@ -103,6 +103,7 @@ def test_it_moves_the_model_it_was_given(apart):
     assert t.notes == ("1 bodies as a tree of 1 velocities", "a pendulum", "in a process of its own")
 
 
+@pytest.mark.sampled(0)
 def test_cpu_time_is_that_of_its_process(apart):
     """Stepping takes a hundred times what sending rows takes here; set-up is the start of an interpreter."""
     problem, here = make_problem(*PROBLEM), cpu_seconds()

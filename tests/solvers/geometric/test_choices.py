@@ -92,6 +92,7 @@ def test_given_c_bar_and_k_bar_pull_phi_back(direction):
     assert_each(np.abs(orders(errors) - 2.0), "<", 0.3)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("direction", ["a", "mass", "translation"])
 def test_eq_32_converges_for_every_c_r(direction):
     """Springs and dampers, C_bar and K_bar of Eq. (32) and given ones on top: to the strong form with order two."""

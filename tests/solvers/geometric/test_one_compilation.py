@@ -37,6 +37,7 @@ def take_steps(solver: str, problem: str) -> None:
         made.solve(posed, control)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_no_second_compilation_for_another_system(solver):
     for problem in ("heavy_top", "spring_pendulum", "four_bar_grid", "andrews"):  # narrow and wide rows, redundant ones

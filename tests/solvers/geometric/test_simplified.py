@@ -43,6 +43,7 @@ def keep_half(rest):
     return [pytest.param(*s, marks=() if own else pytest.mark.slow) for s, own in zip(SCHEMES, kept, strict=True)]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("gauge", "direction"), keep_half(0))
 def test_every_gauge_and_direction_on_an_arbitrary_linkage(gauge, direction):
     """Spherical and revolute joints, ends on the ground and between bodies, inertia without symmetry."""
@@ -128,6 +129,7 @@ def gap_of_codes(problem: Problem, dt: float, solver: str = "gc_weak_form", **op
     return max(np.max(np.abs(getattr(one.states, k) - getattr(two.states, k))) for k in ("r", "R", "v", "Omega"))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("name", "dt", "solver"),
     [
@@ -143,6 +145,7 @@ def test_code_for_the_mechanism_gives_the_motion_of_the_kernel(name, dt, solver)
     assert gap_of_codes(make_problem(name, {"t_end": 0.4}), dt, solver) < SAME
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("gauge", "direction"), keep_half(1))
 def test_code_for_the_mechanism_has_every_gauge_and_direction(gauge, direction):
     """On an arbitrary linkage, whose numbers leave no zeros."""

@@ -114,6 +114,7 @@ def dense(s: Any) -> np.ndarray:
     return out[np.ix_(places(s), places(s))]
 
 
+@pytest.mark.sampled(1)
 @each_system
 def test_weights_agree_with_the_batched_mechanics(system):
     """M_bar, computed twice, from the same definition by different code."""
@@ -127,6 +128,7 @@ def test_weights_agree_with_the_batched_mechanics(system):
 CHOICES = ({}, {"gauge": 0.0, "keep_nu": 1}, {"gauge": 0.0, "direction": 1}, {"use_f_bar": 0}, {"b_term": 0.0})
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("choices", "name"), diagonal(CHOICES, list(SYSTEMS)), ids=str)
 def test_newton_matrix_is_the_derivative_of_the_residual(choices, name):
     """Central differences of step 1e-6 leave about 1e-9; how forces change f_bar is left out by design."""

@@ -98,6 +98,7 @@ def check(names: str, found: "list[list[np.ndarray]]") -> None:
         np.testing.assert_allclose(swept, made, rtol=0.0, atol=CLOSE * size, err_msg=name)
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("make", systems(0))
 def test_accelerations_projections_and_records_are_those_of_code(make: Any) -> None:
     """Loads of joints too; where rows depend on others, those that all of them give together."""
@@ -119,12 +120,14 @@ def test_accelerations_projections_and_records_are_those_of_code(make: Any) -> N
     check("accelerated y_dot after r R v v_dot load error", found)
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("make", systems(1))
 def test_canonical_functions_are_those_of_code(make: Any) -> None:
     """q_dot and p_dot, momenta, forces of rows, velocities closed at an end."""
     check_canonical(make, radial=False)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("make", systems(0))
 def test_canonical_functions_of_balls_of_any_length_are_those_of_code(make: Any) -> None:
     """The same with free spins, and with rows that close the lengths of quaternions."""

@@ -40,6 +40,7 @@ def by_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "refuse_code", lambda problem: "not now")
 
 
+@pytest.mark.sampled(0)
 def test_a_long_chain_moves_as_with_redundant_coordinates() -> None:
     """Another route altogether: poses, all joints as rows, a sparse factor."""
     problem = long_chain(0.05)
@@ -50,6 +51,7 @@ def test_a_long_chain_moves_as_with_redundant_coordinates() -> None:
     assert np.max(np.abs(constraint_rate(problem.system, out.states))) < 1e-10
 
 
+@pytest.mark.sampled(0)
 def test_errors_on_a_long_chain_are_of_the_orders() -> None:
     """Four of two stages of Gauss, two of RATTLE; of DOP853 a hundredth for a thousandth of the tolerance, or less."""
     problem = long_chain(0.08)
@@ -77,6 +79,7 @@ def test_energy_of_a_long_chain_is_kept() -> None:
         assert np.max(np.abs(drift(problem, out))) < bound, solver
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("solver", ["gauss_joint", "rattle_joint"])
 def test_the_way_back_of_a_long_chain_leads_to_the_start(solver: str) -> None:
     """Steps are symmetric, to the rounding at which their iterations end."""
@@ -87,6 +90,7 @@ def test_the_way_back_of_a_long_chain_leads_to_the_start(solver: str) -> None:
     assert np.max(np.abs(back.r[-1] - problem.initial.r)) < 1e-10
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(("links", "dt"), few([(120, 2e-3), (240, 1e-3), (240, 5e-4)], lambda case: case[0] < 200))
 def test_steps_of_rattle_end_where_the_limitation_says(links: int, dt: float) -> None:
     """Where dt N w is 0.1 the equations of a step are singular, w the fastest turn; the run says what helps."""
@@ -118,6 +122,7 @@ def test_user_forces_are_those_of_the_kernel(solver: str, step: float, bound: fl
 NAMES = ("heavy_top", "bricard", "slider_crank", "four_bar_grid", "driven_slider_crank")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", few(NAMES, lambda name: name not in ("slider_crank", "four_bar_grid")))
 def test_runs_are_those_of_code(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same equations in the same methods; between unit quaternions, where stages are, code has others."""
@@ -131,6 +136,7 @@ def test_runs_are_those_of_code(name: str, monkeypatch: pytest.MonkeyPatch) -> N
         assert np.max(np.abs(made.states.r[-1] - swept.states.r[-1])) < 1e-8
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.usefixtures("by_bodies")
 @pytest.mark.parametrize("solver", JOINT)
 def test_rows_chosen_anew_leave_the_motion(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.solvers.formulations.compiled.kernel import Kernel, make_kernel, set_state
-from mbsbench.solvers.formulations.rows.means import rows as mean_rows
+from mbsbench.solvers.formulations.rows.means import make_row_loops as mean_rows
 
 from ..arbitrary_joints import all_joints, moving_rows
 from ..arbitrary_systems import arbitrary, consistent, linkage, rounding_of_rows, settle, with_user_forces
@@ -48,6 +48,7 @@ def jacobian(k: Kernel) -> np.ndarray:
     return A
 
 
+@pytest.mark.sampled(1)
 @each_system
 def test_rows_and_loads_are_the_judges(system: MultibodySystem) -> None:
     """phi, A, phi_t, gamma, and the applied loads, at an arbitrary state."""
@@ -98,6 +99,7 @@ def test_projection_meets_the_constraints(system: MultibodySystem) -> None:
         assert np.max(np.abs(rows(system, States.one(now)))) < rounding
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(8))
 @each_system
 def test_a_consistent_start_is_near_and_moves_with_what_it_is_made_from(system: MultibodySystem, seed: int) -> None:

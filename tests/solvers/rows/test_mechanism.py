@@ -64,6 +64,7 @@ def check_accelerations(system: MultibodySystem, s: State) -> None:
     assert np.max(np.abs(k.v_dot - kernel.v_dot)) < ROUNDING * max(1.0, float(np.max(np.abs(kernel.v_dot))))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", [2, 3])
 @pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
 def test_accelerations_and_reactions_are_the_judges(system: MultibodySystem, seed: int) -> None:
@@ -104,6 +105,7 @@ def test_projection_meets_the_constraints(system: MultibodySystem) -> None:
         assert np.max(np.abs(rows(system, States.one(now)))) < rounding
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_code_gives_the_kernels_motion(name: str) -> None:
     """Straight code instead of loops over joints: the same steps, the same motion and reactions to rounding."""
@@ -126,6 +128,7 @@ def random_numbers(k: Kernel, s: State, seed: int) -> None:
         getattr(k, name)[:] = random.standard_normal(getattr(k, name).shape)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
 def test_each_entry_of_code_does_what_the_kernels_does(system: MultibodySystem) -> None:
     """One after the other in an order in which methods call them, at a random state, velocities off the rows."""
@@ -187,6 +190,7 @@ SHORT = {  # each solver and each mechanism, those that only one solver moves am
 assert set(RUNS) >= SHORT
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("solver", "name"), [pytest.param(*run, marks=() if run in SHORT else pytest.mark.slow) for run in RUNS]
 )
@@ -199,6 +203,7 @@ def test_every_compiled_solver_has_the_kernels_motion_by_code(solver: str, name:
     assert not any("code of the mechanism" in note for note in old.notes)
 
 
+@pytest.mark.sampled(0)
 def test_a_symplectic_run_changes_code_within_a_stretch_of_steps(monkeypatch, tmp_path) -> None:
     """Rows and factor that the kernel has left for the next step are made anew by code."""
     problem = dataclasses.replace(make_problem("chain", {"links": 6}), t_end=0.3)
@@ -238,6 +243,7 @@ SAMPLE = [  # each presentation of one mechanism, in turn; the others are slow
 ]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("presented_as", "name"), SAMPLE)
 def test_errors_are_the_same_however_a_mechanism_is_presented(name: str, presented_as: dict[str, Any]) -> None:
     """Turned, mirrored and renumbered copies have other code, the same steps, and errors alike but for rounding."""
@@ -302,7 +308,7 @@ def test_without_code_the_kernel_runs_or_the_run_is_refused() -> None:
     assert "30000 operations" in solver.refuses(large, control)
     assert "30000 operations" in solve_by(large, "auto").notes[0]
     system = with_user_forces()
-    assert "user forces" in mechanism.refuse_mechanism(system, allocate_kernel(system))
+    assert "user forces" in mechanism.find_code_refusal(system, allocate_kernel(system))
     barely = dataclasses.replace(make_problem("four_bar_grid", {"rows": 3, "columns": 2}), t_end=0.01)
     assert solver.solve(barely, control).status is Status.REFUSED
     assert "30000 operations" in solve_by(barely, "auto").notes[0]

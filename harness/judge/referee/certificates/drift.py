@@ -40,7 +40,7 @@ class Anatomy:
 
 
 def analyse_drift(folder: Path, records: Iterable[RunRecord]) -> tuple[Drift, ...]:
-    """Return a drift for each long run in ``folder``.
+    """Return the drift of the energy error of each long run among ``records``, from its series in ``folder``.
 
     A run with fewer than ``PERIODS`` periods is left out, or called too short if it has the label ``long``.
     """
@@ -77,7 +77,8 @@ def split_energy_error(s: Series) -> Anatomy | None:
 def split_error(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks: Float[np.ndarray, " ends"]) -> Anatomy:
     """Return oscillation, trend and random walk of an error ``e`` [J] at times ``t`` [s].
 
-    ``marks`` are the ends of the motion's periods [s]. Raise ValueError if there are fewer than ``FEWEST`` periods.
+    ``marks`` are the ends of the motion's periods [s], which are joined into at most ``2 * BLOCKS`` blocks of equal
+    numbers of periods. Raise ValueError if there are fewer than ``FEWEST`` periods.
     """
     n = len(marks) - 1
     size = max(n // BLOCKS, 1)
@@ -96,7 +97,7 @@ def split_error(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks:
 
 
 def _integrate(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the integral of the straight lines through (t, e), from the first time to each time in ``at``."""
+    """Return the integral of the straight lines through (t, e) from the first time to each time in ``at`` [J s]."""
     from scipy.integrate import cumulative_trapezoid  # here: it takes a third of a second to load
 
     whole = cumulative_trapezoid(e, t, initial=0)
@@ -105,11 +106,24 @@ def _integrate(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _judge_run(r: RunRecord, found: Anatomy | None) -> Drift:
-    """Return the drift of a run; ``found`` are the parts of its energy error, None if the run is too short."""
+    """Return the drift of a run; ``found`` are the parts of its energy error, None if the run is too short.
+
+    A run that did not claim success has the verdict ``failed``.
+    """
     head = (r.problem, r.case.split(" ")[0], r.solver, r.case, r.settings_id, r.status)
     if found is None or r.claimed != "success":
         return Drift(*head, "failed" if r.claimed != "success" else "too short", r.t_reached_s)
     t = found.trend
-    energy = (found.oscillation, t.slope, t.low, t.high, t.walk, t.walk_low, t.walk_high)
-    verdict = judge_trend(t.low * found.span, t.high * found.span, t.walk, found.oscillation, r.energy_scale_J)
-    return Drift(*head, verdict, found.span, found.periods, *energy)
+    return Drift(
+        *head,
+        verdict=judge_trend(t.low * found.span, t.high * found.span, t.walk, found.oscillation, r.energy_scale_J),
+        span_s=found.span,
+        periods=found.periods,
+        oscillation_J=found.oscillation,
+        trend_W=t.slope,
+        trend_low_W=t.low,
+        trend_high_W=t.high,
+        walk_J_per_sqrt_s=t.walk,
+        walk_low=t.walk_low,
+        walk_high=t.walk_high,
+    )

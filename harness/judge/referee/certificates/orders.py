@@ -38,14 +38,17 @@ class ErrorQuantity:
         return float(getattr(record, self.column))
 
     def scale(self, r: RunRecord) -> float:
-        """Return the size of a large error of a run, in ``unit``: 1 m for a motion of no length, 1 N without joints."""
+        """Return the size of a large error of a run, in ``unit``: that of its motion, its energy or its reactions.
+
+        It is 1 m for a motion of no length, 1 rad for angles, and 1 N without reactions.
+        """
         length = r.length_scale_m if r.length_scale_m > 0.0 else 1.0
         speed, force = r.speed_scale_m_per_s, r.reaction_size_N if r.reaction_size_N > 0.0 else 1.0
         sizes = {"m": length, "rad": 1.0, "m/s": speed, "rad/s": speed / length, "J": r.energy_scale_J, "N": force}
         return sizes[self.unit]
 
     def find_resolution(self, r: RunRecord) -> float:
-        """Return the error that the reference of a run cannot resolve, in ``unit``."""
+        """Return the error, in ``unit``, below which the reference of a run cannot resolve errors; 0 without one."""
         if self.unit == "N":
             return DIFFERENCED * r.reaction_size_N
         length = r.length_scale_m if r.length_scale_m > 0.0 else 1.0
@@ -65,7 +68,7 @@ QUANTITIES = (
 )
 
 
-def certify(folder: Path, records: Iterable[RunRecord]) -> tuple[Order, ...]:
+def certify_orders(folder: Path, records: Iterable[RunRecord]) -> tuple[Order, ...]:
     """Return the observed order of each error quantity for each ladder of runs, sorted by problem and solver.
 
     ``folder`` is not read; the signature is that of all judgements.
@@ -74,7 +77,10 @@ def certify(folder: Path, records: Iterable[RunRecord]) -> tuple[Order, ...]:
 
 
 def select_motion(orders: Iterable[Order]) -> list[Order]:
-    """Return one order per ladder of fixed steps: the worse of position and orientation, position if both are equal."""
+    """Return one order per ladder of fixed steps: that of position or orientation, whichever has the worse verdict.
+
+    Of equal verdicts it is the first in ``orders``, that of position.
+    """
     ladders: dict[tuple[str, str], list[Order]] = {}
     for o in orders:
         if o.against == "dt" and o.quantity in ("position", "orientation"):
@@ -98,7 +104,7 @@ def _find_ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
 
 
 def _certify_ladder(run: Sequence[RunRecord]) -> list[Order]:
-    """Return the orders of all quantities of one ladder that can be measured.
+    """Return the orders of all quantities of one ladder, ``run``, that can be measured.
 
     The first, of positions, is returned also if it cannot be measured; it then states the reason.
     """
@@ -107,9 +113,10 @@ def _certify_ladder(run: Sequence[RunRecord]) -> list[Order]:
 
 
 def _certify_quantity(run: Sequence[RunRecord], q: ErrorQuantity) -> Order | None:
-    """Return the order of one quantity over the runs of a ladder, coarsest first; None if the quantity is constant.
+    """Return the order of one quantity ``q`` over the runs of a ladder, coarsest first; None if it has no error at all.
 
-    With too few successful runs the order is NaN and the verdict ``refused`` or ``not measured``.
+    Errors that the reference does not resolve, that are too large, or whose run cut steps are not fitted. With too few
+    successful runs the order is NaN and the verdict ``refused`` or ``not measured``.
     """
     done = [r for r in run if r.claimed == Status.SUCCESS and math.isfinite(q.read_error(r)) and r.steps > 0]
     failed = [r for r in run if r.claimed != Status.SUCCESS or not r.steps > 0]
@@ -122,7 +129,7 @@ def _certify_quantity(run: Sequence[RunRecord], q: ErrorQuantity) -> Order | Non
     good = [
         q.find_resolution(r) < e < q.most * scale and not _has_cut_steps(r) for r, e in zip(done, errors, strict=True)
     ]
-    tolerance = max(map(_tolerance_share, done), default=0.0) if fixed else [r.rtol for r in done]
+    tolerance = max(map(_sum_step_tolerances, done), default=0.0) if fixed else [r.rtol for r in done]
     fit, rate = (NOTHING, NOTHING) if few else fit_errors(steps, errors, good, scale, tolerance)
     if not any(errors) and not few and math.isnan(first.declared_order):
         return None  # the quantity is constant
@@ -172,7 +179,10 @@ def _certify_quantity(run: Sequence[RunRecord], q: ErrorQuantity) -> Order | Non
 
 
 def read_tolerance(r: RunRecord) -> float:
-    """Return the tolerance of a run's error control, or of the equations of its fixed steps; NaN without either."""
+    """Return rtol of a run under error control or, for fixed steps, the tolerance of the step equations; NaN without.
+
+    The latter is the solver's option ``tolerance``, or its default.
+    """
     if r.control != "dt":
         return r.rtol
     known = registry.solvers().get(r.solver)
@@ -181,15 +191,16 @@ def read_tolerance(r: RunRecord) -> float:
     return float(tolerance) if isinstance(tolerance, int | float) else math.nan
 
 
-def _tolerance_share(r: RunRecord) -> float:
-    """Return the tolerance of the step equations [sqrt(J)], summed over all steps, as a fraction of an error's scale.
+def _sum_step_tolerances(r: RunRecord) -> float:
+    """Return the fraction of an error's scale that the step equations of a run may leave over all its steps.
 
-    It is 0 for a solver without such a tolerance.
+    It is their tolerance [sqrt(J)] times the number of steps, over the square root of the energy scale; 0 for a solver
+    without such a tolerance.
     """
     share = read_tolerance(r) / math.sqrt(r.energy_scale_J) * r.steps if r.energy_scale_J > 0.0 else 0.0
     return 0.0 if math.isnan(share) else share
 
 
 def _has_cut_steps(r: RunRecord) -> bool:
-    """Return whether a run asked for a fixed step took other steps: the error then belongs to those."""
+    """Return whether a run with a fixed step took another number of steps than that gives, so that some were cut."""
     return r.control == "dt" and r.steps != math.ceil(r.t_reached_s / r.dt_s - 1e-6)

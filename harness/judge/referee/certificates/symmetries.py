@@ -48,38 +48,40 @@ ReadEnd = Callable[[RunRecord], End | None]
 def check_symmetries(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmetry, ...]:
     """Compare pairs of runs that differ in the presentation alone; return a verdict for each solver, check and variant.
 
-    A run is judged if the results also have the runs that its bound is measured from: one with a tenth of the
-    tolerance, one from a perturbed start, and for fixed steps one with half the step.
+    ``folder`` has the series of ``records``. A run is judged if the results also have the runs that its bound is
+    measured from: one with a tenth of the tolerance, one from a perturbed start, and for fixed steps one with half the
+    step. Whether a planar motion stays in its plane is judged of these runs, too.
     """
     known = {_make_key(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
     runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings_id))
-    read: ReadEnd = functools.cache(functools.partial(read_end, folder))  # each run once
-    alike: dict[tuple, list[RunRecord]] = {}  # grouped, so that thousands of runs are not compared in pairs
+    read: ReadEnd = functools.cache(functools.partial(read_last_poses, folder))  # each run once
+    grouped: dict[tuple, list[RunRecord]] = {}  # grouped, so that thousands of runs are not compared in pairs
     for r, column in itertools.product(runs, COMPARED):
-        alike.setdefault(_make_key(r, column), []).append(r)
+        grouped.setdefault(_make_key(r, column), []).append(r)
     found = []
     for base in runs:
-        kin, others, finer = (alike[_make_key(base, column)] for column in COMPARED)
-        presented = [r for r in kin if _find_change(base, r)]
+        relatives, others, finer = (grouped[_make_key(base, column)] for column in COMPARED)
+        presented = [r for r in relatives if _find_change(base, r)]
         explicit = base if math.isnan(read_tolerance(base)) else None  # no equations are solved to a tolerance
         tighter = min(
             (r for r in others if TENTH[0] < read_tolerance(r) / read_tolerance(base) < TENTH[1]),
             key=lambda r: _distance_from_tenth(base, r),
             default=explicit,
         )
-        perturbed = (r for r in kin if _is_perturbed(base, r))
+        perturbed = (r for r in relatives if _is_perturbed(base, r))
         nudged = min(perturbed, key=lambda r: (_read_perturbation(r), r.settings_id), default=None)
         halved = next((r for r in finer if 2.0 * r.dt_s == base.dt_s), None)
         if not presented or tighter is None or nudged is None or (halved is None and base.control == "dt"):
             continue
         found.append((base, presented, _measure_yardstick(base, tighter, nudged, halved, read)))
+    measured = [(base, yardstick) for base, _, yardstick in found if yardstick is not None]
     out: list[Symmetry] = []
     for base, presented, own in found:
-        yard = own and replace(own, growth=_least_growth(base, [(b, y) for b, _, y in found if y is not None]))
+        yardstick = own and replace(own, growth=_find_least_growth(base, measured))
         for r in sorted(presented, key=lambda r: (list(CHANGES).index(_find_change(base, r)), r.case)):
-            out.append(weigh_break(_judge(base, r, _find_change(base, r), yard, read), base, r))
+            out.append(weigh_break(_judge_presentation(base, r, _find_change(base, r), yardstick, read), base, r))
         for r in (base, *presented):
-            if (row := _judge_planarity(base, r, yard)) is not None:
+            if (row := _judge_planarity(base, r, yardstick)) is not None:
                 out.append(weigh_break(row, r, r))
     return tuple(out)
 
@@ -87,7 +89,7 @@ def check_symmetries(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmet
 def _measure_distance(read: ReadEnd, one: RunRecord, other: RunRecord, turned: np.ndarray) -> float:
     """Return the distance of the last poses of two runs [m]; NaN if one run has no series.
 
-    ``turned`` rotates the frame of ``one`` to that of ``other``, whose poses are rotated back.
+    ``turned`` (3, 3) is the rotation of the scene of ``other`` relative to that of ``one``; poses are rotated back.
     """
     a, b = read(one), read(other)
     if a is None or b is None:
@@ -95,16 +97,17 @@ def _measure_distance(read: ReadEnd, one: RunRecord, other: RunRecord, turned: n
     return float(measure_distance((b[0] @ turned, turned.T @ b[1]), a[:2], one.length_scale_m))
 
 
-def read_end(folder: Path, r: RunRecord) -> End | None:
-    """Return the last poses of a run; None if it has no series."""
+def read_last_poses(folder: Path, r: RunRecord) -> End | None:
+    """Return the last poses of a run with its gravity, from its series in ``folder``; None if it has no series."""
     s = store.read_run_series(folder, r)
     return None if s is None else (s["end_r"], s["end_R"], s["gravity"])
 
 
 def _make_key(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
-    """Return all settings that shape a run except one column, as a key by which runs that differ in it are grouped.
+    """Return the settings that determine a run's motion as a key, by which equal runs are found or grouped.
 
-    ``left_out`` is that column of the record; ``rtol`` of a fixed-step run is the tolerance of a step's equations.
+    The column ``left_out`` of the record is not in the key, so that runs that differ in it alone share it; for ``rtol``
+    and fixed steps that is the tolerance of the step equations.
     """
     shape = {k: str(getattr(r, k)) for k in SHAPING if k != left_out}
     if left_out == "rtol" and r.control == "dt":
@@ -114,9 +117,9 @@ def _make_key(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
 
 
 def _find_change(base: RunRecord, r: RunRecord) -> str:
-    """Return the name of the presentation (``yaw``, ``mirror``) that ``r`` has and ``base`` has not.
+    """Return the name of the presentation, such as ``yaw`` or ``mirror``, that ``r`` has and ``base`` has not.
 
-    It is empty unless exactly one parameter of the problem differs, and ``base`` is not presented otherwise itself.
+    It is empty unless ``r`` has exactly one parameter of the problem more, a presentation, and ``base`` has none.
     """
     here, there = base.parameters, r.parameters
     if any(k in CHANGES for k in here) or any(there.get(k) != v for k, v in here.items()):
@@ -137,17 +140,20 @@ def _read_perturbation(r: RunRecord) -> float:
 
 
 def _distance_from_tenth(base: RunRecord, r: RunRecord) -> tuple[float, str]:
-    """Return how far the run's tolerance is from a tenth of that of ``base``: a sort key, with settings_id for ties."""
+    """Return a sort key of ``r``: how far its tolerance is from a tenth of that of ``base``, as |ln| of their ratio.
+
+    Its settings_id decides ties.
+    """
     return abs(math.log(10.0 * read_tolerance(r) / read_tolerance(base))), r.settings_id
 
 
 def _measure_yardstick(
     base: RunRecord, tighter: RunRecord, nudged: RunRecord, halved: RunRecord | None, read: ReadEnd
 ) -> Yardstick | None:
-    """Return the difference allowed to the presentations of ``base``; None if one of the runs did not succeed.
+    """Return the yardstick of ``base``, the difference allowed to its presentations; None if one run did not succeed.
 
     ``tighter`` has a tenth of the tolerance, ``nudged`` a perturbed start, ``halved`` half the step (None under
-    error control).
+    error control); from their distances to ``base`` it is measured.
     """
     if any(r is not None and r.claimed != "success" for r in (base, tighter, nudged, halved)):
         return None
@@ -157,106 +163,114 @@ def _measure_yardstick(
     return Yardstick(level, step, growth, base.steps, base.length_scale_m)
 
 
-def _least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]]) -> float:
-    """Return the least growth of a changed start among runs of the same motion; NaN if none is finite.
+def _find_least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]]) -> float:
+    """Return the least growth of a changed start among runs of the motion of ``base``; NaN if none is finite.
 
-    Error control moves steps too, which seems to increase growth.
+    The least is the best estimate: under error control a changed start also moves the steps, which adds to the growth.
     """
     same = [y.growth for b, y in found if (b.problem, b.problem_parameters) == (base.problem, base.problem_parameters)]
     return min((g for g in same if math.isfinite(g)), default=math.nan)
 
 
 def _prepare_row(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmetry]:
-    """Return a function that makes the row of ``check`` for these runs, given the verdict and the measured numbers."""
+    """Return a function that makes the ``Symmetry`` of ``check`` for these runs, given the verdict and the numbers."""
     options, variant = dict(base.options), base.case.split(" ")[0]
     ids = tuple(r.settings_id for r in runs)
     return functools.partial(Symmetry, base.solver, options, check, base.problem, variant, ids)
 
 
-def _judge(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, read: ReadEnd) -> Symmetry:
+def _judge_presentation(
+    base: RunRecord, r: RunRecord, change: str, yardstick: Yardstick | None, read: ReadEnd
+) -> Symmetry:
     """Return the verdict on whether ``r`` ends where ``base`` ends; they differ by the presentation ``change`` alone.
 
-    ``yard`` is the allowed difference, None if a run that it is measured from failed.
+    ``yardstick`` is the allowed difference, None if a run that it is measured from failed. Without a verdict, the row
+    says which run failed or refused, or that the check does not apply: one body cannot be renumbered.
     """
     value = r.parameters[change]
-    made = _prepare_row(base, CHANGES[change], base, r)
+    make_row = _prepare_row(base, CHANGES[change], base, r)
     if change.startswith("unit_"):
-        made = functools.partial(made, factor=float(value))
+        make_row = functools.partial(make_row, factor=float(value))
     if base.claimed != "success":
-        return made(_describe_ending(base), Unjudged.BASE, base.status, describe_ending(base))
-    if yard is None:
-        return made("failed", Unjudged.BOUND)
+        return make_row(_judge_ending(base), Unjudged.BASE, base.status, describe_ending(base))
+    if yardstick is None:
+        return make_row("failed", Unjudged.BOUND)
     if r.claimed != "success":
-        return made(_describe_ending(r), Unjudged.PRESENTED, r.status, describe_ending(r))
+        return make_row(_judge_ending(r), Unjudged.PRESENTED, r.status, describe_ending(r))
     end = read(base)
     if change == "renumber" and end is not None and len(end[0]) == 1:
-        return made("not applicable", Unjudged.SINGLE)
+        return make_row("not applicable", Unjudged.SINGLE)
     deviation = measure_deviation(base, r, read)
     if change == "retrace":
-        yard = replace(yard, grown=yard.return_factor)
+        yardstick = replace(yardstick, grown=yardstick.return_factor)
         if math.isnan(deviation):
-            return made("failed", Unjudged.WAY_BACK, "", *r.note_lines[-1:], bound=yard.bound)
-    return _compare(made, deviation, yard)
+            return make_row("failed", Unjudged.WAY_BACK, "", *r.note_lines[-1:], bound=yardstick.bound)
+    return _judge_deviation(make_row, deviation, yardstick)
 
 
 def measure_deviation(base: RunRecord, r: RunRecord, read: ReadEnd) -> float:
-    """Return how far ``r``, a presentation of ``base``, ends from it, or from its start after a way back [m].
+    """Return the distance [m] between the ends of ``base`` and ``r``, its presentation, in the frame of ``base``.
 
-    NaN if one of them has no end.
+    For a motion that is integrated back to its start (``retrace``), it is the distance of ``r`` from that start. NaN if
+    a pose that is compared does not exist.
     """
     change = _find_change(base, r)
     if change == "retrace":
         return float(np.maximum(r.return_error_m, r.length_scale_m * r.return_error_rad))
     end = read(base)
-    turned = np.eye(3) if end is None else _find_rotation(change, r.parameters[change], end[2])
+    turned = np.eye(3) if end is None else _compute_frame_rotation(change, r.parameters[change], end[2])
     return _measure_distance(read, base, r, turned)
 
 
-def _judge_planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> Symmetry | None:
-    """Return the verdict on whether a planar motion stays in its plane, also in a rotated frame.
+def _judge_planarity(base: RunRecord, r: RunRecord, yardstick: Yardstick | None) -> Symmetry | None:
+    """Return the verdict on whether the planar motion ``r`` stays in its plane.
 
-    None for other runs.
+    ``r`` is ``base`` itself or its presentation in a rotated frame. None for other presentations, motions that are not
+    planar, runs that did not succeed, and without the allowed difference ``yardstick``.
     """
-    if math.isnan(r.out_of_plane_max_m) or yard is None or r.claimed != "success":
+    if math.isnan(r.out_of_plane_max_m) or yardstick is None or r.claimed != "success":
         return None
     change = _find_change(base, r)
     if r is not base and change not in ("yaw", "rotation"):
         return None
-    made = _prepare_row(base, PLANARITY, r)
-    return _compare(functools.partial(made, presented=CHANGES.get(change, "")), r.out_of_plane_max_m, yard)
-
-
-def _compare(made: Callable[..., Symmetry], deviation: float, yard: Yardstick) -> Symmetry:
-    """Return the row of a check, with the verdict on a deviation [m] against the allowed difference.
-
-    ``made`` makes the row from verdict and numbers.
-    """
-    if not math.isfinite(deviation) or not math.isfinite(yard.bound):
-        lost = Unjudged.BOUND if math.isfinite(deviation) else Unjudged.END
-        return made("failed", lost, bound=yard.bound)
-    verdict = yard.judge(deviation)
-    return made(
-        verdict,
-        deviation=deviation,
-        bound=yard.bound,
-        exact=None if yard.halved == 0.0 else yard.is_exact(deviation) and verdict == "holds",
-        exact_bound=yard.exact,
-        level=yard.level,
-        halved=yard.halved,
-        rounding=yard.rounding / SLACK,
-        growth=yard.growth,
+    make_row = _prepare_row(base, PLANARITY, r)
+    return _judge_deviation(
+        functools.partial(make_row, presented=CHANGES.get(change, "")), r.out_of_plane_max_m, yardstick
     )
 
 
-def _describe_ending(r: RunRecord) -> SymmetryVerdict:
-    """Return the verdict for a run that did not succeed: it refused, or it failed."""
+def _judge_deviation(make_row: Callable[..., Symmetry], deviation: float, yardstick: Yardstick) -> Symmetry:
+    """Return the row of a check, with the verdict on a deviation [m] against the allowed difference ``yardstick``.
+
+    ``make_row`` makes the row of verdict and numbers. A deviation or bound that is not finite gives ``failed``.
+    """
+    if not math.isfinite(deviation) or not math.isfinite(yardstick.bound):
+        reason = Unjudged.BOUND if math.isfinite(deviation) else Unjudged.END
+        return make_row("failed", reason, bound=yardstick.bound)
+    verdict = yardstick.judge(deviation)
+    return make_row(
+        verdict,
+        deviation=deviation,
+        bound=yardstick.bound,
+        exact=None if yardstick.halved == 0.0 else yardstick.is_exact(deviation) and verdict == "holds",
+        exact_bound=yardstick.exact,
+        level=yardstick.level,
+        halved=yardstick.halved,
+        rounding=yardstick.rounding / SLACK,
+        growth=yardstick.growth,
+    )
+
+
+def _judge_ending(r: RunRecord) -> SymmetryVerdict:
+    """Return the verdict for a run that did not succeed: ``refused`` or ``failed``."""
     return "refused" if r.status == Status.REFUSED else "failed"
 
 
-def _find_rotation(change: str, value: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return the rotation from the problem's frame to that of a presentation, as the registry rotates problems.
+def _compute_frame_rotation(change: str, value: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return the rotation matrix by which a presentation turns the whole problem in space; the identity for others.
 
-    ``change`` names the presentation, ``value`` is its parameter. Presentations that rotate nothing give the identity.
+    ``change`` names the presentation: ``rotation`` with the rotation vector ``value`` [rad], or ``yaw`` with the angle
+    ``value`` [rad] about the upward vertical, against ``gravity`` [m/s2] or, without gravity, the z axis.
     """
     if change == "rotation":
         return so3.exp(np.array(value, dtype=float))

@@ -44,9 +44,10 @@ class Trend:
 
 
 def fit_trend(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
-    """Fit slope and random walk to the means ``y`` over consecutive blocks of ``tau`` [s] each.
+    """Fit slope and random walk, with their intervals, to the means ``y`` over consecutive blocks of ``tau`` [s] each.
 
-    Raise ValueError if there are fewer than ``FEWEST`` blocks.
+    A random walk whose absence is at all probable (5 %) is reported as 0. Raise ValueError if there are fewer than
+    ``FEWEST`` blocks.
     """
     n = len(y)
     if n < FEWEST:
@@ -56,10 +57,10 @@ def fit_trend(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
         return Trend(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     scaled = (y - np.mean(y)) / size
     free = n - 2
-    solve, information, log_det = _designs(n)
+    solve, information, log_det = _make_least_squares(n)
     beta = np.einsum("lpn,n->lp", solve, scaled)
-    rest = scaled - beta[:, 0, None] - beta[:, 1, None] * _time(n)
-    precision = _precisions(n)
+    rest = scaled - beta[:, 0, None] - beta[:, 1, None] * _center_blocks(n)
+    precision = _invert_covariances(n)
     rss = np.maximum(np.einsum("ln,lnm,lm->l", rest, precision, rest), 1e-300)
     weight = -0.5 * log_det - 0.5 * free * np.log(rss)
     weight = np.exp(weight - np.max(weight))
@@ -75,7 +76,7 @@ def fit_trend(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
         return float(np.sum(weight * stdtr(free, (x - beta[:, 1]) / spread)))
 
     reach = float(np.max(np.abs(beta[:, 1]) + 60.0 * spread))
-    low, high = (_root(slope_below, -reach, reach, p) for p in (TAIL, 1.0 - TAIL))
+    low, high = (_find_root(slope_below, -reach, reach, p) for p in (TAIL, 1.0 - TAIL))
     walks = np.sqrt(RATIOS * rss)  # times 1/sqrt(chi2)
 
     def walk_below(x: float) -> float:
@@ -85,7 +86,7 @@ def fit_trend(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
         return float(np.sum(weight * part))
 
     most = float(np.max(walks)) + 1e-300
-    walk_low, walk, walk_high = (_root(walk_below, 0.0, most, p) for p in (TAIL, 0.5, 1.0 - TAIL))
+    walk_low, walk, walk_high = (_find_root(walk_below, 0.0, most, p) for p in (TAIL, 0.5, 1.0 - TAIL))
     if still >= 1.0 - LEVEL:
         walk_low = walk = 0.0
     root = size / math.sqrt(tau)
@@ -93,13 +94,13 @@ def fit_trend(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
     return Trend(slope * unit, low * unit, high * unit, walk * root, walk_low * root, walk_high * root, still)
 
 
-def _time(n: int) -> Float[np.ndarray, " n"]:
+def _center_blocks(n: int) -> Float[np.ndarray, " n"]:
     """Return the middles of ``n`` blocks relative to their mean, in units of a block."""
     return np.arange(n) - 0.5 * (n - 1)
 
 
 @cache
-def _precisions(n: int) -> Float[np.ndarray, "ratios n n"]:
+def _invert_covariances(n: int) -> Float[np.ndarray, "ratios n n"]:
     """Return the inverse covariance of ``n`` block means for each ratio in ``RATIOS``, in units of s^2."""
     k = np.arange(n)
     first = np.minimum(k[:, None], k[None])
@@ -108,14 +109,14 @@ def _precisions(n: int) -> Float[np.ndarray, "ratios n n"]:
 
 
 @cache
-def _designs(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _make_least_squares(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the generalised least squares of a line through ``n`` block means, for each ratio in ``RATIOS``.
 
-    The three arrays are (X^T P X)^-1 X^T P, the variance of the slope, and ln|S| + ln|X^T P X|, where P = S^-1 is
-    the precision and X has the columns 1 and time.
+    The three arrays are the estimator (X^T P X)^-1 X^T P, (ratios, 2, n); the variance of the slope, in units of s^2;
+    and ln|S| + ln|X^T P X|. P = S^-1 is the precision, and X has the columns 1 and time, in blocks.
     """
-    X = np.stack((np.ones(n), _time(n)), axis=1)
-    P = _precisions(n)
+    X = np.stack((np.ones(n), _center_blocks(n)), axis=1)
+    P = _invert_covariances(n)
     normal = np.einsum("np,lnm,mq->lpq", X, P, X)
     inverse = np.linalg.inv(normal)
     solve = np.einsum("lpq,nq,lnm->lpm", inverse, X, P)
@@ -123,6 +124,6 @@ def _designs(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return solve, inverse[:, 1, 1], log_det
 
 
-def _root(rising: Callable[[float], float], low: float, high: float, value: float) -> float:
+def _find_root(rising: Callable[[float], float], low: float, high: float, value: float) -> float:
     """Return the argument between ``low`` and ``high`` at which the function ``rising`` has ``value``, by bisection."""
     return float(bisect(lambda x: rising(x) - value, low, high, xtol=1e-300, disp=False))

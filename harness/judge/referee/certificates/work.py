@@ -18,7 +18,7 @@ from ....mechanics.types import Status
 from ....results.judgements.runs import Targets, Work, WorkPoint, WorkProfile
 from ....results.least_cost import choose_error, find_cheapest
 from ....results.records import RunRecord, is_literal
-from ....results.work import count_evaluations, count_index_1_evaluations, operations
+from ....results.work import count_evaluations, count_index_1_evaluations, count_operations
 from ...distance import RESOLVED
 from ..claims.measures import reached_end
 from .symmetries import CHANGES
@@ -31,7 +31,7 @@ REGULAR = 0.5  # fraction of the variants: a solver tried on fewer does not excl
 
 WORKS: Mapping[str, Callable[[RunRecord], float]] = {
     "index1": count_index_1_evaluations,
-    "operations": operations,
+    "operations": count_operations,
     "evaluations": count_evaluations,
     "factorisations": lambda r: r.factorisations,
     "steps": lambda r: float(r.steps),
@@ -52,7 +52,7 @@ class Field:
     own: float  # stated error of the reference, in that unit
 
     def error(self, r: RunRecord) -> float:
-        """Return the error of a run while the motion is predictable, in ``unit``."""
+        """Return the largest error of a run while the motion is predictable, in ``unit``."""
         return r.position_error_judged_m if self.unit == "m" else r.orientation_error_judged_rad
 
     @property
@@ -69,7 +69,9 @@ class Field:
 def collect_work(folder: Path, records: Iterable[RunRecord]) -> Work:
     """Return all runs as points of work and error, and work profiles of the variants that can be compared.
 
-    ``folder`` is not read; the signature is that of all judgements.
+    There are profiles of all options and of default options. Variants can be compared if all solvers that were tried on
+    ``REGULAR`` of the variants were tried on them, and if their motion is predictable. ``folder`` is not read; the
+    signature is that of all judgements.
     """
     fields = _collect_fields(records)
     solvers = sorted({name for f in fields for name in f.tried})
@@ -100,7 +102,7 @@ def _collect_fields(records: Iterable[RunRecord]) -> list[Field]:
 def _make_field(all_runs: Sequence[RunRecord]) -> Field | None:
     """Return the field of all runs of one variant; None if none was compared with a reference.
 
-    Orientation errors are compared if all positions are exact.
+    Errors are those of positions or, if all positions are exact, of orientations.
     """
     runs = tuple(r for r in all_runs if r.reference and not math.isnan(r.position_error_judged_m))
     if not runs:
@@ -129,20 +131,20 @@ def _make_points(f: Field) -> list[WorkPoint]:
             r.case,
             r.settings_id,
             r.label,
-            _is_sound(r) and not any(_is_better(f, q, r) for q in sound if q.solver == r.solver),
-            r.status,
-            f.error(r),
-            f.kind,
-            f.unit,
-            r.energy_drift_max_J,
-            r.phi_max,
-            r.cpu_median_s,
-            r.steps,
-            count_evaluations(r),
-            r.factorisations,
-            operations(r),
-            f.own,
-            count_index_1_evaluations(r),
+            best=_is_sound(r) and not any(_is_better(f, q, r) for q in sound if q.solver == r.solver),
+            status=r.status,
+            error=f.error(r),
+            error_kind=f.kind,
+            unit=f.unit,
+            energy_drift_J=r.energy_drift_max_J,
+            phi_max=r.phi_max,
+            cpu_s=r.cpu_median_s,
+            steps=r.steps,
+            evaluations=count_evaluations(r),
+            factorisations=r.factorisations,
+            operations=count_operations(r),
+            reference_own_error=f.own,
+            index1=count_index_1_evaluations(r),
         )
         for r in f.runs
     ]
@@ -150,7 +152,7 @@ def _make_points(f: Field) -> list[WorkPoint]:
 
 def _is_better(f: Field, q: RunRecord, r: RunRecord) -> bool:
     """Return whether ``q`` is no worse than ``r`` in error and operations, and better in one of them."""
-    mine, theirs = (f.error(r), operations(r)), (f.error(q), operations(q))
+    mine, theirs = (f.error(r), count_operations(r)), (f.error(q), count_operations(q))
     return theirs[0] <= mine[0] and theirs[1] <= mine[1] and theirs != mine
 
 
@@ -159,7 +161,8 @@ def _make_profiles(
 ) -> tuple[WorkProfile, ...]:
     """Return, for each kind of work in ``WORKS`` and each solver, the sorted least work at the targets it reaches.
 
-    ``counts`` selects the runs that may reach a target, for example those with default options.
+    ``counts`` tells which runs may reach a target, for example those with default options. Solvers that factorise
+    nothing have no profile of factorisations.
     """
     total = sum(len(f.targets) for f in fields)
     out = []

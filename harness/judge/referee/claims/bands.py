@@ -47,9 +47,10 @@ class Band:
 
 
 def _move_limit(limit: float, factor: float, is_ratio: bool, end: float) -> float:
-    """Return the limit with its distance from the natural limit multiplied by ``factor``, or divided if it lies below.
+    """Return a limit of a band with its distance from the natural limit multiplied by ``factor``.
 
-    A ratio below 1 is moved by its inverse. For ``is_ratio`` and ``end`` see ``Band.move``.
+    Below the natural limit the distance is divided instead, so that the limit rises with ``factor`` in both cases. A
+    ratio below 1 is moved by its inverse. For ``is_ratio`` and ``end`` see ``Band.move``.
     """
     if is_ratio and 0.0 < limit < 1.0:
         return 1.0 / _move_limit(1.0 / limit, 1.0 / factor, is_ratio, end)
@@ -58,7 +59,10 @@ def _move_limit(limit: float, factor: float, is_ratio: bool, end: float) -> floa
 
 
 def _divide(above: float, below: float) -> float:
-    """Return above/below; 1 if both are equal; NaN if both are infinite, since both runs failed."""
+    """Return above/below; 1 if both are equal, even 0, and infinite if only ``below`` is 0.
+
+    NaN if one is NaN or both are infinite, since then both runs failed.
+    """
     if math.isnan(above) or math.isnan(below) or (math.isinf(above) and math.isinf(below)):
         return NAN
     if above == below:
@@ -66,11 +70,11 @@ def _divide(above: float, below: float) -> float:
     return math.inf if below == 0.0 else above / below
 
 
-def _largest_step(values: Sequence[float]) -> float:
-    """Return the largest ratio of a value to the one before; below 1, each is smaller than the last.
+def _find_largest_ratio(values: Sequence[float]) -> float:
+    """Return the largest ratio of a value to the one before it: below 1, the values fall at each step.
 
-    Two consecutive failures cannot be compared and could only increase it: if the others leave it below 1, it is
-    NaN.
+    A pair without a ratio, such as two failed runs, could only increase the result, which is then NaN unless the other
+    ratios reach 1 already.
     """
     ratios = [_divide(b, a) for a, b in pairwise(values)]
     known = [r for r in ratios if not math.isnan(r)]
@@ -78,8 +82,8 @@ def _largest_step(values: Sequence[float]) -> float:
     return worst if len(known) == len(ratios) or worst >= 1.0 else NAN
 
 
-def _of_all(function: Callable[[Sequence[float]], float], values: Sequence[float]) -> float:
-    """Return ``function`` of the values; NaN if there are none, or one is NaN: a run without it must not be ignored."""
+def _apply_to_all(function: Callable[[Sequence[float]], float], values: Sequence[float]) -> float:
+    """Return ``function`` of the values; NaN if there are none or one is NaN: no run without a number is ignored."""
     return NAN if not values or any(math.isnan(v) for v in values) else float(function(values))
 
 
@@ -90,11 +94,11 @@ RATIOS = ("last over first", "worst step")  # NaN if there is nothing to compare
 # values in the order of the dimension: the loosest tolerance first, others from the smallest
 COMBINE: dict[str, Callable[[Sequence[float]], float]] = {
     "last over first": lambda v: _divide(v[-1], v[0]) if len(v) > 1 else NAN,
-    "worst step": lambda v: _of_all(_largest_step, v),
-    "largest": lambda v: _of_all(max, v),
-    "smallest": lambda v: _of_all(min, v),
-    "spread": lambda v: _of_all(lambda a: max(a) - min(a), v),
-    "relative spread": lambda v: _of_all(lambda a: _divide(max(a) - min(a), float(np.mean(np.abs(a)))), v),
+    "worst step": lambda v: _apply_to_all(_find_largest_ratio, v),
+    "largest": lambda v: _apply_to_all(max, v),
+    "smallest": lambda v: _apply_to_all(min, v),
+    "spread": lambda v: _apply_to_all(lambda a: max(a) - min(a), v),
+    "relative spread": lambda v: _apply_to_all(lambda a: _divide(max(a) - min(a), float(np.mean(np.abs(a)))), v),
 }
 
 BEST = "over best settings"  # any choice is admitted for the others, too: over the largest of each solver's least value
@@ -102,16 +106,18 @@ OVER = ("over largest", "over smallest", BEST)  # ratios
 
 # compares a value with those of other runs; distances are measured pair by pair (``TriedRun.find_distance``)
 COMPARE: dict[str, Callable[[float, Sequence[float]], float]] = {
-    "over largest": lambda a, others: _divide(a, _of_all(max, others)),
-    "over smallest": lambda a, others: _divide(a, _of_all(min, others)),
-    BEST: lambda a, others: _divide(a, _of_all(max, others)),  # others: of each solver the least, see ``take_best``
-    "minus largest": lambda a, others: a - _of_all(max, others),
-    "smallest distance": lambda a, others: _of_all(min, others),
-    "largest distance": lambda a, others: _of_all(max, others),
+    "over largest": lambda a, others: _divide(a, _apply_to_all(max, others)),
+    "over smallest": lambda a, others: _divide(a, _apply_to_all(min, others)),
+    BEST: lambda a, others: _divide(
+        a, _apply_to_all(max, others)
+    ),  # others: of each solver the least, see ``take_best``
+    "minus largest": lambda a, others: a - _apply_to_all(max, others),
+    "smallest distance": lambda a, others: _apply_to_all(min, others),
+    "largest distance": lambda a, others: _apply_to_all(max, others),
 }
 
 
 def take_best(solvers: Sequence[str], values: Sequence[float]) -> list[float]:
     """Return the least of the values of each solver, NaN if one of them is; ``solvers`` names that of each value."""
     named = list(zip(solvers, values, strict=True))
-    return [_of_all(min, [v for s, v in named if s == solver]) for solver in dict.fromkeys(solvers)]
+    return [_apply_to_all(min, [v for s, v in named if s == solver]) for solver in dict.fromkeys(solvers)]

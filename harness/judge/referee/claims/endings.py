@@ -27,7 +27,11 @@ HOPELESS = 10  # least number of step budgets for the remaining time; with fewer
 
 
 def classify_ending(record: RunRecord, series: Series | None = None) -> Ending:
-    """Return how one run ended, as far as claims depend on it; the series is needed if ``ended_by_budget``."""
+    """Return how one run ended, as far as claims depend on it.
+
+    The series is needed only for a run that its limit on steps ended, ``ended_by_budget``: it is final if its steps
+    had become so small that it would not have reached its end. Without the series it counts as final.
+    """
     if ended_by_machine(record):
         return Ending.MACHINE
     if ended_by_budget(record):
@@ -49,10 +53,10 @@ def stops_in_start_up(record: RunRecord) -> bool:
 
 
 def ended_by_open_joint(record: RunRecord) -> bool:
-    """Return whether the guard of solvers with error control ended the run, because a joint opened by its arm's length.
+    """Return whether the guard against open joints ended the run: a joint had opened by more than the longest arm.
 
-    The guard calls such a run diverged, or singular if the rows were nearly dependent. Solvers with fixed steps have no
-    guard: values that are no longer finite are their own result.
+    Solvers with error control have this guard, which calls such a run diverged, or singular if the constraint rows were
+    nearly dependent. Solvers with fixed steps have none: values that are no longer finite are their own result.
     """
     stopped = record.status in (Status.DIVERGED, Status.SINGULAR) and not reached_end(record)
     if not stopped or record.control == "dt" or math.isnan(record.phi_end):
@@ -62,7 +66,10 @@ def ended_by_open_joint(record: RunRecord) -> bool:
 
 @cache
 def _measure_longest_arm(problem: str, parameters: str) -> float:
-    """Return the largest component of a joint's arm [m]; infinite without an arm."""
+    """Return the largest component of any joint's arm in a problem [m]; infinite if all are zero.
+
+    ``parameters`` are those of the problem as in the record's column, JSON text.
+    """
     system = registry.make_problem(problem, parse_settings(parameters)).system
     longest = max(float(np.max(np.abs(a), initial=0.0)) for a in (system.joint_s_i, system.joint_s_j))
     return longest or math.inf
@@ -74,14 +81,20 @@ def ended_by_budget(record: RunRecord) -> bool:
 
 
 def ended_by_machine(record: RunRecord) -> bool:
-    """Return whether a clock or the memory ended the run: stalled with steps left means a clock."""
+    """Return whether a limit of the machine, time or memory, ended the run or its measuring.
+
+    A run that is ``stalled`` with steps left was ended by a clock.
+    """
     stopped = record.status in (Status.UNFINISHED, Status.STALLED) and not ended_by_budget(record)
     unmeasured = record.ended_by == EndCause.MEASURE_LIMIT
     return stopped or unmeasured or record.status == Status.MEMORY or is_provisional(record)
 
 
 def measure_pace(record: RunRecord, series: Series) -> float:
-    """Return the simulated time per step over the last tenth of the steps [s]; rows of thinned series count equally."""
+    """Return the simulated time per step over the last tenth of the steps [s]; 0 without a step.
+
+    Rows of a thinned series are taken to stand for equal numbers of steps.
+    """
     t = series["t"]
     k = math.floor((1.0 - LAST) * (len(t) - 1))
     return float(t[-1] - t[k]) / (record.steps * (1.0 - k / (len(t) - 1))) if len(t) > 1 else 0.0
@@ -93,7 +106,7 @@ def find_largest_step(record: RunRecord) -> float:
 
 
 def is_final(test: Test, record: RunRecord, how: Ending) -> bool:
-    """Return whether a run that ended as ``how`` is final, or completed the interval of time of the test."""
+    """Return whether a run that ended as ``how`` settles a test: it is final, or completed the test's time interval."""
     if how is Ending.FINAL:
         return True
     return test.measure.until == "to" and record.t_reached_s >= _find_moment(test) * (1.0 - END)
@@ -106,7 +119,11 @@ def reaches_time(test: Test, record: RunRecord) -> bool:
 
 
 def is_decided(test: Test, record: RunRecord, value: float) -> bool:
-    """Return whether no continuation of a run could change if its number ``value`` lies in the band of the test."""
+    """Return whether a continuation of a run could no longer change the outcome of the test.
+
+    ``value`` is the number so far. The outcome is decided if such a number never changes once it exists, or if it can
+    only grow and is beyond the band's upper end, or above the lower end of a band without upper end.
+    """
     m = test.measure
     if m.until == "known" and math.isfinite(value):
         return True

@@ -2,8 +2,8 @@
 
 A dimension is an option of the solver or a parameter of the problem under its own name, except for those that solvers
 name differently: ``tolerance`` (rtol, or the stop test of ODE-GC), ``gain`` (alpha = beta), ``chart``, ``step`` (dt),
-``duration`` (t_end), ``frame`` (how problem and axes lie). A map of a claim is a query of this frame, ``select``. A
-dimension that a selection does not name must have its default, so that no claim collects runs it was not written for.
+``duration`` (t_end), ``frame`` (how problem and axes lie). A map of a claim is a query of this frame (``select_runs``).
+A dimension that a selection does not name must have its default, so that no claim collects runs it was not written for.
 """
 
 import itertools
@@ -38,7 +38,7 @@ SeriesOf = Callable[[RunRecord], Series | None]
 
 @dataclass(frozen=True, eq=False)
 class TriedRun:
-    """A row of the frame: a run's settings, and what was found of it once ``measure`` was called.
+    """A row of the frame: a run's settings, and what was found of it once ``measure_runs`` was called.
 
     ``usual`` names the dimensions at their defaults, ``options`` those that are options of its solver.
     """
@@ -70,13 +70,14 @@ class TriedRun:
         return self.numbers[key]
 
 
-def measure(
+def measure_runs(
     wanted: Iterable[tuple[TriedRun, Sequence[Test]]], records: Iterable[RunRecord], series_of: SeriesOf
 ) -> dict[str, TriedRun]:
-    """Return the runs by settings_id with their records, endings and the numbers of all tests ``wanted`` of them.
+    """Return the runs in ``wanted``, by settings_id, with their records, endings and the numbers of their tests.
 
-    The series of each run is read once for all its tests. Raise EnvelopedSeries, naming test and run, if a test reads
-    a series that is kept as an envelope.
+    ``wanted`` pairs runs with tests; a run may come several times. The series of a run, from ``series_of``, are read
+    once for all its tests. A run without a record is returned as it is. Tests of two runs together are not measured
+    here (``find_distance``). Raise EnvelopedSeries if a test reads a series that is stored as an envelope.
     """
     found = {r.settings_id: r for r in records}
     read = lru_cache(maxsize=KEPT)(lambda settings: series_of(found[settings]))
@@ -105,12 +106,15 @@ def _measure_one(test: Test, record: RunRecord, series: Series | None) -> float:
 
 
 def read_dimensions(spec: RunSpec) -> TriedRun:
-    """Return the row of a run without its record: its dimensions, with defaults from the catalogue."""
+    """Return the row of a run without its record: its dimensions, with defaults from the catalogue.
+
+    A step or a tolerance is never counted among the defaults, so that a selection has to name it.
+    """
     options, unusual = _read_options(spec)
     given: dict[str, Any] = {"problem": spec.problem, "solver": spec.solver}
     for name, (default, _) in registry.problems()[spec.problem].parameters.items():
         if name == "t_end":
-            given["duration"] = spec.parameters.get("t_end") or own_duration(spec.problem)
+            given["duration"] = spec.parameters.get("t_end") or find_default_duration(spec.problem)
             unusual |= {"duration"} if "t_end" in spec.parameters else set()
         elif name not in FRAMES:
             given[name] = spec.parameters.get(name, default)
@@ -121,18 +125,20 @@ def read_dimensions(spec: RunSpec) -> TriedRun:
     c = spec.control
     step = WHOLE if c.dt is not None and c.dt >= given["duration"] else c.dt
     asked = {k: v for k, v in (("tolerance", c.rtol), ("step", step), ("max_step", c.max_step)) if v is not None}
-    # a step or tolerance is always asked for: a selection has to name it
     return TriedRun(spec, given | asked, frozenset(given) - unusual - asked.keys(), frozenset(options))
 
 
 @cache
-def own_duration(problem: str) -> float:
+def find_default_duration(problem: str) -> float:
     """Return the default simulated time of a problem [s]."""
     return float(registry.share_problem(problem).t_end)
 
 
 def _read_options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:
-    """Return a run's options under the names of dimensions, defaults included, and the names of those it sets."""
+    """Return a run's options by the names of their dimensions, defaults included, and the names of those it sets.
+
+    Options are renamed as in ``RENAMED``, and alpha and beta are one dimension, ``gain``.
+    """
     known = registry.solvers()[spec.solver].parameters
     options = {k: spec.options.get(k, default) for k, (default, _) in known.items()}
     unusual = {k for k in spec.options if k in known}
@@ -148,7 +154,7 @@ def _read_options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:
 
 
 def _name_frame(parameters: Mapping[str, Any]) -> str:
-    """Return the value of the dimension ``frame``: how the problem and its axes are oriented, in words."""
+    """Return the value of the dimension ``frame`` for the ``parameters`` of a problem: how it lies, in words."""
     if parameters.get("perturb"):
         return f"start perturbed by {parameters['perturb']:g}"
     if parameters.get("yaw"):
@@ -156,18 +162,18 @@ def _name_frame(parameters: Mapping[str, Any]) -> str:
     return "rotated" if parameters.get("rotation") else ALIGNED
 
 
-def select(runs: Iterable[TriedRun], selections: Sequence[Mapping[str, Any]]) -> tuple[TriedRun, ...]:
+def select_runs(runs: Iterable[TriedRun], selections: Sequence[Mapping[str, Any]]) -> tuple[TriedRun, ...]:
     """Return the runs in at least one of the selections, in their order.
 
-    A selection maps dimensions to their wanted values. Of two runs that differ only in their limits, the one with
-    fewer steps is kept: a stuck run without a step limit would be ended by a clock.
+    A selection maps dimensions to their wanted values. Of two runs that differ only in their limits, the one with the
+    lower limit on steps is returned: a stuck run without such a limit would be ended by a clock.
     """
     out: dict[str, TriedRun] = {}
     fitting: dict[tuple[str, str], list[Mapping[str, Any]]] = {}  # by problem and solver: few selections fit any
     for p in runs:
         named = p.spec.problem, p.spec.solver
         if named not in fitting:
-            fitting[named] = [s for s in selections if _names(s, "problem", named[0]) and _names(s, "solver", named[1])]
+            fitting[named] = [s for s in selections if _wants(s, "problem", named[0]) and _wants(s, "solver", named[1])]
         if fitting[named] and is_in(p, fitting[named]):
             key = repr(sorted((k, str(v)) for k, v in p.dimensions.items()))
             if key not in out or p.spec.control.max_steps < out[key].spec.control.max_steps:
@@ -175,7 +181,7 @@ def select(runs: Iterable[TriedRun], selections: Sequence[Mapping[str, Any]]) ->
     return tuple(out.values())
 
 
-def _names(selection: Mapping[str, Any], dimension: str, value: str) -> bool:
+def _wants(selection: Mapping[str, Any], dimension: str, value: str) -> bool:
     """Return whether a selection wants this value of a dimension, or any."""
     wanted = selection.get(dimension, ANY)
     return wanted == ANY or _is_allowed(value, wanted)
@@ -195,7 +201,10 @@ def _matches(p: TriedRun, selection: Mapping[str, Any]) -> bool:
 
 
 def _is_allowed(value: Any, wanted: Any) -> bool:
-    """Return whether a value of a dimension is the wanted one, one of a wanted list, or in a wanted range from-to."""
+    """Return whether a value of a dimension is the wanted one, one of a wanted list, or in a wanted range.
+
+    A range is a dict with ``from`` and ``to``, both included.
+    """
     if isinstance(wanted, dict):
         low, high = sorted((wanted["from"], wanted["to"]))
         return isinstance(value, int | float) and bool(low <= value <= high)
@@ -210,8 +219,8 @@ def are_equal(value: Any, wanted: Any) -> bool:
 def is_printed(p: TriedRun, printed: Iterable[Mapping[str, Any]]) -> bool:
     """Return whether the paper prints the settings of a run; ``printed`` lists the settings that it prints.
 
-    A dimension with the value ``as printed`` must equal that of a run with this label in the suite ``paper``;
-    dimensions that are not listed may have any value.
+    In these, the value ``as printed`` stands for that of a run with this label, of the same problem and solver, in the
+    suite ``paper``. Dimensions that are not listed may have any value.
     """
     for one in printed:
         named = [k for k, v in one.items() if v == AS_PRINTED]
@@ -230,7 +239,10 @@ def _list_printed(problem: str, solver: str) -> tuple[TriedRun, ...]:
 
 
 def find_varied(settings: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Return the dimensions with more than one value among ``settings``, each with its values in order."""
+    """Return the dimensions with more than one value among ``settings``, each with its values in order.
+
+    None stands for a dimension that a setting does not have.
+    """
     names = dict.fromkeys(itertools.chain.from_iterable(settings))
     found = {k: list_values(at.get(k) for at in settings) for k in names}
     return {k: v for k, v in found.items() if len(v) > 1}
@@ -238,11 +250,11 @@ def find_varied(settings: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
 
 def list_values(given: Iterable[Any]) -> list[Any]:
     """Return each value once: numbers by size, True, False, texts; None, for a missing dimension, comes last."""
-    return sorted(dict.fromkeys(given), key=order)
+    return sorted(dict.fromkeys(given), key=make_sort_key)
 
 
-def order(value: Any) -> tuple[int, float, str]:
-    """Return the sort key of a dimension's value, as in ``list_values``."""
+def make_sort_key(value: Any) -> tuple[int, float, str]:
+    """Return the sort key of a dimension's value: numbers by size, True, False, texts by letters, and None last."""
     if value is None:
         return 3, 0.0, ""
     if isinstance(value, bool):

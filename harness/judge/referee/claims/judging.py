@@ -30,8 +30,8 @@ from ....results.judgements.claims import (
 from ....results.records import COLUMNS, RunRecord
 from ....results.reproduce import write_command
 from .bands import BEST, FACTOR, OVER, RATIOS, Band, take_best
-from .conditions import factors
-from .frame import SeriesOf, TriedRun, find_chosen, find_varied, list_values, measure, read_dimensions, select
+from .conditions import count_factors
+from .frame import SeriesOf, TriedRun, find_chosen, find_varied, list_values, measure_runs, read_dimensions, select_runs
 from .register import Claim, Register, Test
 from .settings import Setting, find_settings
 from .verdicts import (
@@ -51,24 +51,25 @@ SHOWN = ("tolerance", "gain", "form", "chart", "lambda_in_error_test", "consiste
 RIVALS: dict[str, Callable[..., str]] = {"over smallest": min, "over largest": max, "minus largest": max, BEST: max}
 
 
-def judge(
+def judge_claims(
     register: Register, specs: Iterable[RunSpec], records: Iterable[RunRecord], series_of: SeriesOf
 ) -> tuple[JudgedClaim, ...]:
-    """Return the verdicts on all claims, in the order of the register.
+    """Return the verdicts on all claims of a register, in its order.
 
-    ``specs`` are the runs that claims may be tried on, ``series_of`` returns the series of a record's run.
+    ``specs`` are the runs that claims may be tried on, ``records`` those of the runs that were made, ``series_of``
+    returns the series of a record's run.
     """
     frame = [read_dimensions(c) for c in specs]
     maps = {m.name: m for c in register.claims for m in c.maps if m}
-    selected = {name: select(frame, m.over) for name, m in maps.items()}
+    selected = {name: select_runs(frame, m.over) for name, m in maps.items()}
     tried = [(c, [selected[m.name] if m else () for m in c.maps]) for c in register.claims]
-    measured = measure(((p, c.tests) for c, sides in tried for side in sides for p in side), records, series_of)
+    measured = measure_runs(((p, c.tests) for c, sides in tried for side in sides for p in side), records, series_of)
     runs = [(c, [[measured[p.settings_id] for p in side] for side in sides]) for c, sides in tried]
     return tuple(_judge_claim(c, register, *sides) for c, sides in runs)
 
 
 def find_needs(claim: Claim) -> list[MissingReason]:
-    """Return why a claim cannot be tested here: solvers, observables or data that it needs and that are missing."""
+    """Return what a claim needs and the catalogue lacks: solvers, observables, or data that only the authors have."""
     out = []
     for need in claim.needs:
         problem, _, name = need.observable.partition(".")
@@ -118,7 +119,7 @@ def _judge_claim(
         settings=_list_settings(counted, own, others),
         against=tuple(dict.fromkeys(p.spec.case for p in others)),
         settings_ids=tuple(p.settings_id for p in (*own, *others)),
-        factors=factors(list_dimensions(claim, counted)) if counted else {},
+        factors=count_factors(list_dimensions(claim, counted)) if counted else {},
         map=tuple(_describe_setting(claim, s, twins, beside.get(s)) for s in found),
         by_solver=by_solver,
         control=control,
@@ -128,7 +129,10 @@ def _judge_claim(
 
 
 def _find_gaps(claim: Claim, tried: Sequence[Sequence[TriedRun]]) -> list[MissingReason]:
-    """Return runs or values that the map should have but lacks: an incomplete map decides nothing."""
+    """Return the runs and values of dimensions that the claim's maps should have but lack: then nothing is decided.
+
+    ``tried`` has the runs of each map.
+    """
     out = []
     for m, runs in zip(claim.maps, tried, strict=True):
         if m is None:
@@ -145,9 +149,9 @@ def _find_gaps(claim: Claim, tried: Sequence[Sequence[TriedRun]]) -> list[Missin
 
 
 def _find_unmeasured(claim: Claim, found: Sequence[Setting], counted: Sequence[Setting]) -> list[MissingReason]:
-    """Return why the map decides nothing: no setting is decided, or a test has a number for no setting.
+    """Return why a complete map decides nothing, if so: no setting counts, or a test has no number in any.
 
-    A number that does not exist refutes nothing.
+    ``found`` are all settings, ``counted`` those that are not left open.
     """
     if not counted:
         return [MissingReason(ClaimGap.SETTLED) if found else MissingReason(ClaimGap.GROUPS, claim.across)]
@@ -156,9 +160,9 @@ def _find_unmeasured(claim: Claim, found: Sequence[Setting], counted: Sequence[S
 
 
 def _choose_shown(claim: Claim, counted: Sequence[Setting]) -> Setting | None:
-    """Choose the setting whose numbers the table shows: a printed one, if any, that the verdict rests on.
+    """Return the setting whose numbers the table shows, a printed one if there is any; None without settings.
 
-    It is the setting most against the claim; if none meets the claim, or one suffices, the nearest one.
+    It is the one farthest outside the bands; if none meets the claim, or one suffices, the one nearest to meeting it.
     """
     measurable = [s for s in counted if s.numbers[0] == s.numbers[0]] or list(counted)
     asked = [s for s in measurable if s.printed] or measurable
@@ -182,7 +186,7 @@ def _move_band(test: Test, factor: float, end: float) -> Band:
 
 
 def _move_bands(claim: Claim, sides: Sides, own: Sequence[TriedRun], others: Sequence[TriedRun]) -> Sides:
-    """Return both findings, with the other verdicts that result if the band of one test moves by a factor.
+    """Return both findings, each with the other verdicts that result if the band of one test is moved by ``FACTOR``.
 
     ``own`` and ``others`` are the runs of the claim and those that they are compared with.
     """
@@ -210,7 +214,7 @@ def _collect_evidence(
     """Return the evidence for a verdict in addition to its counts.
 
     It holds the values along ``across`` that meet the claim, the solvers that the judged ones represent, and the
-    solvers without a judged setting. ``own`` are the runs of the map, ``found`` its settings.
+    solvers without a setting that counts. ``own`` are the runs of the map, ``found`` its settings.
     """
     holding = [s for s in found if s.holds]
     met = Counter(v for s in holding for v in s.met_at)
@@ -224,9 +228,10 @@ def _collect_evidence(
 def _list_settings(
     counted: Sequence[Setting], own: Sequence[TriedRun], others: Sequence[TriedRun]
 ) -> dict[str, tuple[Value, ...]]:
-    """Return the values of each dimension that some run sets, over the judged settings or, without any, over all.
+    """Return the values of each dimension that varies and is set by some run, with problem and solver.
 
-    The dimensions ``EITHER_WAY`` are listed even if they have one value.
+    They are those of the runs in the settings ``counted`` or, without any, of all runs: the claim's ``own`` ones and
+    the ``others`` that they are compared with. The dimensions ``EITHER_WAY`` are listed even if they have one value.
     """
     if counted:
         own, others = [q for s in counted for q in s.runs], [q for s in counted for q in s.beside]
@@ -249,7 +254,7 @@ def _describe_test(test: Test, shown: Setting | None, k: int) -> JudgedTest:
 
 
 def _find_rival(test: Test, shown: Setting) -> str:
-    """Return the case whose number the shown one is compared with.
+    """Return the case of the other run whose number that of the setting ``shown`` is compared with.
 
     It is empty unless the test compares with the smallest or largest number of other runs.
     """
@@ -265,7 +270,7 @@ def _find_rival(test: Test, shown: Setting) -> str:
 
 
 def _describe_setting(claim: Claim, s: Setting, twins: Collection[str], control: Setting | None) -> MapRow:
-    """Return a setting as a row of the claim's map.
+    """Return a setting as a row of the claim's map, with the command that makes its first run again.
 
     ``twins`` are the settings_ids whose series equal those of an earlier row; ``control`` is the control's setting, if
     any.
@@ -275,14 +280,15 @@ def _describe_setting(claim: Claim, s: Setting, twins: Collection[str], control:
     return MapRow(
         first.settings_id,
         first.spec.case,
-        len(s.runs) - 1,
-        at,
-        s.holds,
-        shorten(s.numbers[0]),
-        first.record.status,
-        s.printed,
-        first.settings_id in twins,
-        *((shorten(control.numbers[0]), control.holds) if control else (math.nan, None)),
+        more=len(s.runs) - 1,
+        at=at,
+        holds=s.holds,
+        measured=shorten(s.numbers[0]),
+        status=first.record.status,
+        printed=s.printed,
+        twin=first.settings_id in twins,
+        control=shorten(control.numbers[0]) if control else math.nan,
+        control_holds=control.holds if control else None,
         command=write_command(first.record, out="run.npz"),
     )
 

@@ -45,7 +45,10 @@ class Measure:
 
     @cached_property
     def defaults(self) -> dict[str, Any]:
-        """The arguments of a test with their defaults; ``inspect.Parameter.empty`` for the required ones."""
+        """The arguments of a test by name, with their defaults; ``inspect.Parameter.empty`` for the required ones.
+
+        They are the function's parameters after record and series, or after those of two runs.
+        """
         own = list(inspect.signature(self.of).parameters.values())[4 if self.of_pair else 2 :]
         return {"from" if p.name == "begin" else p.name: p.default for p in own}
 
@@ -64,31 +67,32 @@ MEASURES: dict[str, Measure] = {}
 
 
 def measure(**kind: Any) -> Callable[[Callable[..., float]], Callable[..., float]]:
-    """Return a decorator that enters a function in ``MEASURES`` under its name, with spaces for underscores.
+    """Return a decorator that registers a function in ``MEASURES`` under its name, with spaces for underscores.
 
     ``kind`` are fields of ``Measure``.
     """
 
-    def enter(function: Callable[..., float]) -> Callable[..., float]:
-        """Enter ``function``, and return it unchanged."""
+    def register_function(function: Callable[..., float]) -> Callable[..., float]:
+        """Register ``function``, and return it unchanged."""
         MEASURES[function.__name__.replace("_", " ")] = Measure(function, **kind)
         return function
 
-    return enter
+    return register_function
 
 
 def measure_values(part: Callable[..., np.ndarray | None], **kind: Any) -> Callable[..., Any]:
-    """Return a decorator that enters a function of the values that ``part`` takes from an interval of time.
+    """Return a decorator that registers a function of an array as a measure of the array that ``part`` cuts from a run.
 
-    The measure has the arguments of ``part``, and is NaN if there are no such values.
+    ``part`` takes record, series and the arguments of a test, such as ``cut_interval``; the measure has its arguments,
+    and is NaN where it returns None. ``kind`` are fields of ``Measure``.
     """
 
-    def enter(function: Callable[[np.ndarray], float]) -> Callable[[np.ndarray], float]:
-        """Enter ``function`` of the values, and return it unchanged."""
+    def register_function(function: Callable[[np.ndarray], float]) -> Callable[[np.ndarray], float]:
+        """Register ``function``, applied to the array that ``part`` returns, and return it unchanged."""
 
         @wraps(part)  # has the signature of ``part``
         def of_values(*run: Any, **arguments: Any) -> float:
-            """Return the function of the values in the interval; NaN if there are none."""
+            """Return ``function`` of the values that ``part`` returns; NaN if there are none."""
             a = part(*run, **arguments)
             return NAN if a is None else float(function(a))
 
@@ -96,7 +100,7 @@ def measure_values(part: Callable[..., np.ndarray | None], **kind: Any) -> Calla
         MEASURES[function.__name__.replace("_", " ")] = Measure(of_values, **kind)
         return function
 
-    return enter
+    return register_function
 
 
 def evaluate(name: str, record: RunRecord, series: Series | None, arguments: Mapping[str, Any], *other: Any) -> float:
@@ -111,8 +115,12 @@ def evaluate(name: str, record: RunRecord, series: Series | None, arguments: Map
         return float(m.of(record, series, *other, **{"begin" if k == "from" else k: v for k, v in arguments.items()}))
 
 
-def series_read(name: str, arguments: Mapping[str, Any]) -> set[str]:
-    """Return the names of the series of a run that the measure ``name`` reads at every step, besides the times."""
+def list_series_read(name: str, arguments: Mapping[str, Any]) -> set[str]:
+    """Return the names of the series of a run that the measure ``name`` reads at every step, besides the times.
+
+    Some are fixed for the measure, others are named by the ``arguments`` of a test: ``series``, ``low``, and ``of``,
+    an observable with its reference.
+    """
     if not MEASURES[name].needs_series:
         return set()
     named = [arguments[k] for k in ("series", "low") if k in arguments]

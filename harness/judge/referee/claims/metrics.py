@@ -20,10 +20,10 @@ START_UP = 0.01  # fraction of t_end after which step sizes are judged
 def cut_interval(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> np.ndarray | None:
-    """Return the values of a series from ``begin`` to ``to`` [s]; None if it is missing or ends before ``to``.
+    """Return the values of a series from ``begin`` to ``to`` [s], by default the requested end; None if there are none.
 
-    With ``partial`` a run that ends before ``to`` gives the values that exist. Errors are cut to where a reference
-    exists.
+    A run that ends before ``to`` gives None or, with ``partial``, the values that exist. Errors are cut to where a
+    reference exists.
     """
     a, t = s.get(series), s["t"]
     end = record.t_end_s if math.isnan(to) else to
@@ -40,8 +40,8 @@ def cut_steps(
 ) -> np.ndarray | None:
     """Return the sizes [s] of the accepted steps between ``begin`` and ``to`` [s], without the run's last one.
 
-    None if the run stopped before ``to``, unless ``partial``, or if fewer than three steps are left. By default they
-    begin after the start-up.
+    By default they begin after ``START_UP`` of the requested time and end with it. None if the run stopped before
+    ``to``, unless ``partial``, or if there are fewer than three.
     """
     t, dt = s["t"][:-1], s["dt"][:-1]
     begin = START_UP * record.t_end_s if math.isnan(begin) else begin
@@ -52,10 +52,10 @@ def cut_steps(
     return inside if len(inside) > 2 else None
 
 
-def bound(a: np.ndarray, found: Any) -> float:
-    """Return ``found``, a number derived from ``a``; infinite if any value of ``a`` is NaN.
+def guard_against_nan(a: np.ndarray, found: Any) -> float:
+    """Return ``found``, a number that was computed from ``a``; infinite if a value of ``a`` is NaN.
 
-    A motion that became NaN has no small error.
+    Thus a motion that became NaN never has a small error.
     """
     return math.inf if np.any(np.isnan(a)) else float(found)
 
@@ -66,32 +66,32 @@ def bound(a: np.ndarray, found: Any) -> float:
 @measure_values(cut_interval, grows=True)
 def largest(a: np.ndarray) -> float:
     """Return max |a| over an interval; infinite if a value is NaN."""
-    return bound(a, np.max(np.abs(a)))
+    return guard_against_nan(a, np.max(np.abs(a)))
 
 
 @measure_values(cut_interval, grows=True)
 def highest(a: np.ndarray) -> float:
     """Return the signed maximum over an interval."""
-    return bound(a, np.max(a))
+    return guard_against_nan(a, np.max(a))
 
 
 @measure_values(cut_interval)
 def lowest(a: np.ndarray) -> float:
     """Return the signed minimum over an interval."""
-    return bound(a, np.min(a))
+    return guard_against_nan(a, np.min(a))
 
 
 @measure_values(cut_interval, grows=True)
 def extent(a: np.ndarray) -> float:
     """Return maximum minus minimum over an interval."""
-    return bound(a, np.ptp(a))
+    return guard_against_nan(a, np.ptp(a))
 
 
 @measure_values(cut_interval, grows=True)
 def swing(a: np.ndarray) -> float:
     """Return the smaller of the largest rise and the largest fall: zero for a monotonic drift."""
     rise, fall = np.max(a - np.minimum.accumulate(a)), np.max(np.maximum.accumulate(a) - a)
-    return bound(a, min(rise, fall))
+    return guard_against_nan(a, min(rise, fall))
 
 
 @measure_values(cut_interval, natural="one")
@@ -105,7 +105,7 @@ def peak_over_median(a: np.ndarray) -> float:
 def rise(record: RunRecord, s: Series, series: str, begin: float, to: float, partial: bool = False) -> float:
     """Return how far a series rises: its maximum from ``from`` to ``to`` [s], minus its value at ``from``."""
     a = cut_interval(record, s, series, begin, to, partial)
-    return NAN if a is None else bound(a, np.max(a)) - value(record, s, series, begin)
+    return NAN if a is None else guard_against_nan(a, np.max(a)) - value(record, s, series, begin)
 
 
 @measure(grows=True)
@@ -115,14 +115,16 @@ def away(record: RunRecord, s: Series, of: str, begin: float = 0.0, to: float = 
     if own is None or exact is None:
         return NAN
     known = ~np.isnan(exact)  # NaN beyond the reference's horizon
-    return bound(own[known], np.max(np.abs(own[known] - exact[known]), initial=0.0)) if np.any(known) else NAN
+    return (
+        guard_against_nan(own[known], np.max(np.abs(own[known] - exact[known]), initial=0.0)) if np.any(known) else NAN
+    )
 
 
 @measure(until="end", natural="one")
 def grows(record: RunRecord, s: Series, series: str, floor: float = 0.0) -> float:
-    """Return max |series| in the last quarter of the requested time over that in the first; 1 if both are small.
+    """Return max |series| in the last quarter of the requested time over that in the first quarter.
 
-    Small is at most ``floor``.
+    It is 1 if both are at most ``floor``, and infinite if the first is zero or the last is not finite.
     """
     quarter = 0.25 * record.t_end_s
     first, last = cut_interval(record, s, series, to=quarter), cut_interval(record, s, series, 3.0 * quarter)
@@ -159,7 +161,7 @@ def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
 def energy_ratio(record: RunRecord, s: Series) -> float:
     """Return the ratio of the largest mechanical energy to the initial one, over as much of the run as exists."""
     E = s["energy"]
-    return bound(E, np.max(E)) / float(E[0]) if E[0] != 0.0 else NAN
+    return guard_against_nan(E, np.max(E)) / float(E[0]) if E[0] != 0.0 else NAN
 
 
 # a series at an instant
@@ -200,9 +202,10 @@ def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
 
 @measure(until="known")
 def drop_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
-    """Return the least value of ``series`` near the first minimum of series ``low``, minus its first value there.
+    """Return how far ``series`` drops around the first local minimum of the series ``low``, as a negative number.
 
-    Near means within ``within`` [s]; the result is negative for a fall. NaN if the run does not get so far.
+    It is the least value within ``within`` [s] of that minimum, minus the first value there. NaN if the run ends
+    earlier.
     """
     a, turn, t = s.get(series), _find_first_minimum(s, low), s["t"]
     if a is None or turn is None or t[-1] < (t[turn] + within) * (1.0 - END):
@@ -238,7 +241,7 @@ def step_ratio(dt: np.ndarray) -> float:
 
 @measure_values(cut_steps)
 def irregularity(dt: np.ndarray) -> float:
-    """Return the mean change of log10 of the step from one to the next: 0 for a fixed step."""
+    """Return the mean absolute change of log10 of the step from one step to the next: 0 for a fixed step."""
     return float(np.mean(np.abs(np.diff(np.log10(dt)))))
 
 
@@ -259,7 +262,10 @@ def smallest_step(dt: np.ndarray) -> float:
 
 @measure(needs_series=False, until="end", grows=True)
 def column(record: RunRecord, series: Series | None, name: str, partial: bool = False) -> float:
-    """Return the number in column ``name`` of the record; NaN if the run did not reach its end, unless ``partial``."""
+    """Return the number in column ``name`` of the record; NaN if the run did not reach its end, unless ``partial``.
+
+    A column without a number gives NaN, too.
+    """
     found = getattr(record, name, NAN)
     return float(found) if (partial or reached_end(record)) and isinstance(found, int | float) else NAN
 
@@ -325,9 +331,10 @@ def stop_time(record: RunRecord, series: Series | None, by: float = math.inf) ->
 def apart(
     record: RunRecord, s: Series, other_record: RunRecord, other: Series, series: list[str], to: float = math.inf
 ) -> float:
-    """Return the largest distance of two runs: the norm of the differences of named series at the steps of the first.
+    """Return the largest distance of two runs: the norm of the differences of the named ``series``.
 
-    ``to`` [s] ends the comparison early; NaN if a run stopped before that or its end, or lacks a series.
+    It is evaluated at the steps of the first run, up to ``to`` [s] if given, with the other one interpolated linearly.
+    NaN if a run stopped before that time or its end, or lacks a series.
     """
     t = s["t"][s["t"] <= to]
     whole = all(r.t_reached_s >= min(r.t_end_s, to) * (1.0 - END) for r in (record, other_record))
@@ -335,4 +342,4 @@ def apart(
         return NAN
     gaps = [s[k][: len(t)] - np.interp(t, other["t"], other[k]) for k in series]
     distance = np.sqrt(np.sum(np.square(gaps), axis=0))
-    return bound(distance, np.max(distance))
+    return guard_against_nan(distance, np.max(distance))

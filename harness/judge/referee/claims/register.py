@@ -188,7 +188,7 @@ def read_register(path: Path = REGISTER) -> Register:
 
 
 def parse_register(text: str, where: str = "claims") -> Register:
-    """Parse a register; ``where`` names it in messages."""
+    """Parse the TOML text of a register; raise FileError if it is invalid. ``where`` names the text in messages."""
     file = convert_shape(parse_toml(text, where), _File, where)
     maps: dict[str, Map] = {}
     for name, row in file.maps.items():
@@ -199,7 +199,7 @@ def parse_register(text: str, where: str = "claims") -> Register:
         tests = row.get("tests", [])
         if isinstance(tests, list):
             tests = [_read_test(t, f"{at}: test {j + 1}") if isinstance(t, dict) else t for j, t in enumerate(tests)]
-        named = {key: _find(row[key], maps, "map", f"{at}: {key}") for key in MAPS if key in row}
+        named = {key: _look_up(row[key], maps, "map", f"{at}: {key}") for key in MAPS if key in row}
         claim = convert_shape({**row, "tests": tests, **named}, Claim, at)
         if claim.id in claims:
             raise FileError(f"{at}: the id is taken")
@@ -208,29 +208,30 @@ def parse_register(text: str, where: str = "claims") -> Register:
 
 
 def _read_test(row: dict[str, Any], at: str) -> Test:
-    """Return the test in a row of a claim; raise FileError, which begins with its place ``at``, if it is invalid.
+    """Return the test that a table of a claim, ``row``, declares; raise FileError if it is invalid.
 
-    The keys that its metric takes are its arguments.
+    The keys that its metric takes are its arguments. ``at`` names the place of the test in messages.
     """
     for key, known in CHOICES.items():
         if key in row:
-            _find(row[key], known, key, at)
+            _look_up(row[key], known, key, at)
     takes = MEASURES[row["metric"]].takes if "metric" in row else ()
     rest = {k: v for k, v in row.items() if k not in takes}
     return convert_shape({**rest, "arguments": {k: v for k, v in row.items() if k in takes}}, Test, at)
 
 
 def _read_map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Map:
-    """Return the map in a row of the register; raise FileError, which begins with its place ``at``, if it is invalid.
+    """Return the map that a table of the register, ``row``, declares; raise FileError if it is invalid.
 
-    A selection with the key ``map`` stands for those of another map, with its other keys changed.
+    A selection with the key ``map`` stands for those of another map in ``maps``, with the other keys of the selection
+    replaced in them. ``at`` names the place of the map in messages.
     """
     printed, over = row.get("printed", []), row.get("over")
     if isinstance(over, list):
         selections = []
         for k, given in enumerate(map(_split_keys, over)):
             if isinstance(given, dict) and "map" in given:
-                base = _find(given.pop("map"), maps, "map", f"{at}: selection {k + 1}").over
+                base = _look_up(given.pop("map"), maps, "map", f"{at}: selection {k + 1}").over
                 selections += [{**s, **given} for s in base]
             else:
                 selections.append(given)
@@ -246,12 +247,18 @@ def _read_map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) 
 
 
 def _split_keys(given: Any) -> Any:
-    """Return a selection with keys of several names expanded: ``{ "a, b" = 1 }`` becomes ``{ a = 1, b = 1 }``."""
+    """Return a selection with keys of several names expanded: ``{ "a, b" = 1 }`` becomes ``{ a = 1, b = 1 }``.
+
+    Anything but a table is returned unchanged.
+    """
     return {n.strip(): v for k, v in given.items() for n in k.split(",")} if isinstance(given, dict) else given
 
 
-def _find(name: Any, known: Mapping[str, Any], what: str, at: str) -> Any:
-    """Return what is known under a name; raise FileError, with a similar name, if there is nothing."""
+def _look_up(name: Any, known: Mapping[str, Any], what: str, at: str) -> Any:
+    """Return the value of ``name`` in ``known``; raise FileError, which suggests a similar name, if it has none.
+
+    ``what`` is the kind of thing, such as ``map``, and ``at`` the place of the name, both for the message.
+    """
     if name not in known:
         raise FileError(f"{at}: unknown {what} {name!r}{suggest_name(str(name), list(known))}")
     return known[name]

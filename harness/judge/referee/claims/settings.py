@@ -12,7 +12,7 @@ from typing import Any
 
 from ....results.judgements.claims import Ending
 from ....results.records import RunRecord
-from ....results.work import operations
+from ....results.work import count_operations
 from .bands import BEST, COMBINE, COMPARE, NEAREST, RATIOS, take_best
 from .endings import is_decided, is_final, reaches_time, stops_in_start_up
 from .frame import TriedRun, is_printed
@@ -50,9 +50,9 @@ class Setting:
 def find_settings(claim: Claim, own: Iterable[TriedRun], others: Sequence[TriedRun]) -> list[Setting]:
     """Return the settings of a claim's map, judged, in the order of the runs.
 
-    ``own`` are the claim's runs, ``others`` those that they are compared with. A claim that looks across a
-    dimension has a setting for each group of runs that differ in it alone; groups with one value test nothing and are
-    left out.
+    ``own`` are the claim's runs, ``others`` those that they are compared with. A claim that looks across a dimension
+    has a setting for each group of runs that differ in it alone, in each of its ranges. Groups with one value test
+    nothing and are left out; those that lack values that the claim names are left open.
     """
     groups: dict[str, list[TriedRun]] = {}
     for p in own:
@@ -77,14 +77,15 @@ def find_settings(claim: Claim, own: Iterable[TriedRun], others: Sequence[TriedR
 
 
 def leave_open(setting: Setting) -> Setting:
-    """Return a setting as one whose runs leave nothing to compare."""
+    """Return a setting left open because its runs cannot be compared."""
     return replace(setting, holds=None, left_out=Ending.UNCOMPARED, stopped=False, met_at=())
 
 
 def _split_ranges(claim: Claim, group: list[TriedRun]) -> Iterable[tuple[list[TriedRun], int | tuple[float, ...]]]:
-    """Yield the runs of the group in each of the claim's ranges, with the values that they must have (``ranges``).
+    """Yield the runs of ``group`` in each of the claim's ``ranges`` along ``across``, and the values they must have.
 
-    The range is a dimension of these runs. Without ranges the whole group is yielded, with the values ``along``.
+    These runs get the range as a further dimension, and must have its ends as values. Without ranges the whole group
+    is yielded once, with the claim's values ``along``, or their least number.
     """
     if not claim.ranges:
         yield group, claim.along
@@ -99,41 +100,41 @@ def _name_range(claim: Claim) -> str:
     return f"{claim.across} range"
 
 
-def agree(p: TriedRun, q: TriedRun, names: Iterable[str]) -> bool:
-    """Return whether two runs have equal values of these dimensions; one that a run lacks does not count."""
+def have_equal_values(p: TriedRun, q: TriedRun, names: Iterable[str]) -> bool:
+    """Return whether two runs have equal values in the dimensions ``names``, as far as both have them."""
     return all(p.dimensions[k] == q.dimensions[k] for k in names if k in p.dimensions and k in q.dimensions)
 
 
 def is_comparable_control(claim: Claim, p: TriedRun, q: TriedRun) -> bool:
-    """Return whether control ``q`` has the motion, chart, tolerance and step limit of ``p``, where both have them."""
-    return agree(p, q, {*BESIDE, _name_range(claim)} - {claim.across})
+    """Return whether control ``q`` has the motion, chart, tolerance and step limit of the claim's run ``p``."""
+    return have_equal_values(p, q, {*BESIDE, _name_range(claim)} - {claim.across})
 
 
 def is_partner(claim: Claim, p: TriedRun, q: TriedRun) -> bool:
     """Return whether ``q`` is another run that ``p`` may be compared with: equal in the claim's ``pair_by``."""
-    return p.settings_id != q.settings_id and agree(p, q, claim.pair_by)
+    return p.settings_id != q.settings_id and have_equal_values(p, q, claim.pair_by)
 
 
 def keep_acting(p: TriedRun, found: list[TriedRun]) -> list[TriedRun]:
-    """Return the runs that ``p`` is compared with, without those of equal series (``must_act``).
+    """Return those of the runs ``found`` whose series differ from those of ``p`` (``must_act``).
 
-    There the difference in settings had no effect.
+    Where they are equal, the difference in settings had no effect.
     """
     own = p.record.series_sha256
     return [q for q in found if not own or q.record.series_sha256 != own]
 
 
 def keep_cheaper(p: TriedRun, found: list[TriedRun]) -> list[TriedRun]:
-    """Return the runs that ``p`` is compared with that took no more operations (``at_equal_work``).
+    """Return those of the runs ``found`` that took no more operations than ``p`` (``at_equal_work``).
 
-    If there are none of these, the cheapest that reached its end is used: what beats it at less work beats all at equal
-    work. A run that did not reach its end is compared with all.
+    If there is none, it is the cheapest that reached its end: what beats it at less work beats all at equal work. If
+    ``p`` did not reach its end, all are returned.
     """
     if not reached_end(p.record):
         return found
-    ended = sorted((q.record for q in found if reached_end(q.record)), key=operations)
+    ended = sorted((q.record for q in found if reached_end(q.record)), key=count_operations)
     cheapest = [q for q in found if ended and q.record is ended[0]]
-    return [q for q in found if operations(q.record) <= operations(p.record)] or cheapest
+    return [q for q in found if count_operations(q.record) <= count_operations(p.record)] or cheapest
 
 
 # rare keys of a claim: functions that select from the partners of a run, in the order applied
@@ -163,7 +164,7 @@ def _judge_setting(claim: Claim, runs: Sequence[TriedRun], partners_of: Partners
         holds = None  # it did not stop by itself, and the claim is about such stops
     why = Ending.FINAL
     if holds is None:
-        early = any(not _is_undecided_by_nan(t) and _ends_early(claim, t, v, used) for t, v in tested)
+        early = any(not _is_undecided_by_nan(t) and _is_unsettled(claim, t, v, used) for t, v in tested)
         rest = Ending.EARLY if early else Ending.ENDED if claim.asks_when else Ending.UNCOMPARED
         endings = {find_ending(claim, p) for p in used}
         why = next((how for how in Ending if how in endings and how is not Ending.FINAL), rest)
@@ -186,13 +187,12 @@ def _judge_setting(claim: Claim, runs: Sequence[TriedRun], partners_of: Partners
 def _find_nearest(claim: Claim, runs: Sequence[TriedRun], partners_of: Partners) -> Setting:
     """Return the setting of a group of runs in which one run that meets all tests suffices.
 
-    Its numbers are those at a value along ``across`` that meets all tests or, without any, at the one that comes
-    nearest.
+    Its numbers and outcome are those of a run that meets all tests or, without any, of the one that comes nearest.
     """
     each = [_judge_setting(claim, [p], partners_of) for p in runs]
 
     def rank(s: Setting) -> tuple[int, int, float]:
-        """Return the sort key of a run's setting, largest for the one that meets the claim best."""
+        """Return the sort key of a run's setting, largest for the best: outcome, tests met, nearness to first band."""
         held = [t.band.holds(v) for t, v in zip(claim.tests, s.numbers, strict=True)]
         near = -claim.tests[0].band.measure_excess(s.numbers[0])
         return {True: 2, None: 1, False: 0}[s.holds], sum(held), near
@@ -213,23 +213,23 @@ def _find_nearest(claim: Claim, runs: Sequence[TriedRun], partners_of: Partners)
 def _judge_test(
     claim: Claim, test: Test, value: float, own: Sequence[TriedRun], beside: Sequence[TriedRun]
 ) -> bool | None:
-    """Judge one test by its number ``value``: return whether it holds; None if its runs leave it open.
+    """Return whether a test holds by its number ``value``; None if its runs leave it open.
 
-    ``own`` are the setting's runs, ``beside`` their partners. A run of its own settles the test even
-    if it was cut short, once no continuation could change the outcome.
+    ``own`` are the setting's runs, ``beside`` their partners. A single run without partners settles the test even if
+    it was cut short, once no continuation could change the outcome.
     """
     first, *rest = (*own, *beside)
     how, settles = find_ending(claim, first), not rest and is_decided(test, first.record, value)
     final = is_final(test, first.record, how) or (settles and how is not Ending.NO_START)
     if (
         (math.isnan(value) and _is_undecided_by_nan(test))
-        or _ends_early(claim, test, value, (first, *rest))
+        or _is_unsettled(claim, test, value, (first, *rest))
         or not (final and all(is_final(test, p.record, find_ending(claim, p)) for p in rest))
     ):
         return None
     # true without partners, too: a test that compares has no number then, and is open already
     pairs = ((p.record, q.record) for p in own for q in beside)
-    only_dearer = all(reached_end(p) and operations(q) > operations(p) for p, q in pairs)
+    only_dearer = all(reached_end(p) and count_operations(q) > count_operations(p) for p, q in pairs)
     if claim.at_equal_work and only_dearer:
         # What a partner missed with more work than the setting's own run it would miss with as much: the test fails. A
         # number inside the band may be due to that work: it is left open; one at an end of the band counts as missed.
@@ -237,15 +237,15 @@ def _judge_test(
     return test.band.holds(value)
 
 
-def _ends_early(claim: Claim, test: Test, value: float, runs: Sequence[TriedRun]) -> bool:
-    """Return whether the number might differ if no run had ended before the time of the claim.
+def _is_unsettled(claim: Claim, test: Test, value: float, runs: Sequence[TriedRun]) -> bool:
+    """Return whether a test's number ``value`` is unsettled because runs ended before the time of the claim.
 
-    ``runs`` begin with the setting's own first run. The missing part of a run is unknown for every kind of test; a
-    claim about reaching a time has a test of its own. A number of several runs is open unless the others bound it:
-    a ratio to complete runs can only grow.
+    ``runs`` begin with the setting's own first run. If only that one ended early, and the test is on one run or
+    compares it with others, the number is settled once no continuation could change the outcome. Claims on runs that
+    stop concern only what exists of them: False.
     """
     if claim.starting or claim.asks_when or test.measure.of_end:
-        return False  # a claim on runs that stop concerns only what exists of them
+        return False
     late = [p for p in runs if not reaches_time(test, p.record)]
     if late == [runs[0]] and (test.compare or test.combine in ("", NEAREST)):
         return not is_decided(test, late[0].record, value)
@@ -270,10 +270,10 @@ def find_ending(claim: Claim, p: TriedRun) -> Ending:
 def _find_number(claim: Claim, test: Test, runs: Sequence[TriedRun], partners_of: Partners) -> float:
     """Return the number of a test at a setting: that of its run, or combined over its runs along ``across``.
 
-    If the test compares, each run's number is first compared with those of its partners.
+    If the test compares, each run's number is first compared with those of its partners (``partners_of``).
     """
     if test.combine in RATIOS and claim.across in LOOSEST_FIRST:
-        runs = _leave_reduced(test, runs)
+        runs = _drop_unreduced(test, runs)
     values = [_compare_run(test, p, partners_of[p.settings_id]) for p in runs]
     return values[0] if test.combine in ("", NEAREST) else COMBINE[test.combine](values)
 
@@ -289,10 +289,10 @@ def _compare_run(test: Test, p: TriedRun, partners: Sequence[TriedRun]) -> float
     return COMPARE[test.compare](p.find_number(test), them)
 
 
-def _leave_reduced(test: Test, runs: Sequence[TriedRun]) -> list[TriedRun]:
-    """Return the runs without those whose mean step equals that of the run before, for a claim on smaller steps.
+def _drop_unreduced(test: Test, runs: Sequence[TriedRun]) -> list[TriedRun]:
+    """Return the runs without those that took the same mean step as the run before, though they were to take smaller.
 
-    For the ratio of last to first, only these two runs are considered.
+    For the ratio of the last number to the first, only these two runs are considered.
     """
     kept: list[TriedRun] = []
     for p in (runs[0], runs[-1]) if test.combine == "last over first" else runs:

@@ -20,7 +20,7 @@ from ....results.judgements.claims import (
     Value,
 )
 from .bands import SPREADS
-from .conditions import decide_along, decision
+from .conditions import decide_along, find_decision
 from .frame import TriedRun, find_chosen, list_values
 from .register import Claim
 from .settings import Setting, find_settings, is_comparable_control, leave_open
@@ -34,17 +34,18 @@ Sides = tuple[ClaimFinding | None, ClaimFinding | None]  # at the settings that 
 def ask_control(
     claim: Claim, rows: Sequence[Row], others: Sequence[TriedRun], controls: Sequence[TriedRun]
 ) -> tuple[Control | None, dict[Setting, Setting]]:
-    """Return the finding on the control for the first verdict's settings, and the control's setting for each setting.
+    """Return the finding on the claim's control, and the setting of the control that belongs to each setting.
 
-    ``others`` are the runs that the claim's are compared with, ``controls`` those of its control. The finding is None
-    if no setting has a control.
+    ``others`` are the runs that the claim's are compared with, ``controls`` those of its control. The finding is on the
+    settings that the paper prints or, without any, on all; it is None if none of them has a control. Settings without
+    a comparable control are not in the second result.
     """
     asked: dict[tuple[object, ...], list[Setting]] = {}  # by the values along ``across`` of a setting
     beside = {}
     for s in (s for row in rows for s in row):
         along = _list_along(claim, s)
         if along not in asked:
-            asked[along] = _ask_over(claim, along, others, controls)
+            asked[along] = _judge_control(claim, along, others, controls)
         found = [q for q in asked[along] if is_comparable_control(claim, s.runs[0], q.runs[0])]
         if found:
             beside[s] = min(found, key=lambda q: q.holds is None)
@@ -67,12 +68,13 @@ def _list_along(claim: Claim, s: Setting) -> tuple[object, ...]:
     return tuple(list_values(q.dimensions[claim.across] for q in s.runs)) if claim.across else ()
 
 
-def _ask_over(
+def _judge_control(
     claim: Claim, along: tuple[object, ...], others: Sequence[TriedRun], controls: Sequence[TriedRun]
 ) -> list[Setting]:
-    """Return the settings of the control's runs that have exactly the values ``along`` of the dimension ``across``.
+    """Return the judged settings of the control's runs that have exactly the values ``along`` of ``across``.
 
-    A spread over runs of equal series is left open: nothing varied them.
+    ``others`` are the runs that they are compared with. A spread over runs of equal series is left open: the dimension
+    had no effect on them.
     """
     own = [q for q in controls if not along or q.dimensions.get(claim.across) in along]
     out = []
@@ -85,9 +87,9 @@ def _ask_over(
 
 
 def split_by_solver(claim: Claim, rows: Sequence[Row]) -> dict[str, ClaimFinding]:
-    """Return the finding on these settings for each solver; empty unless there are several solvers.
+    """Return the finding on these settings for each solver, by name; empty unless there are several solvers.
 
-    If a verdict depends on one failed run, it is left open only if that of all solvers together does so, too.
+    A verdict that depends on one failed run is left open only if that of all solvers together depends on one, too.
     """
     own: dict[str, list[Row]] = {}
     for row in rows:
@@ -105,9 +107,10 @@ def split_sides(rows: Sequence[Row]) -> tuple[list[Row], list[Row]]:
 
 
 def merge_equal(claim: Claim, found: Sequence[Setting]) -> list[list[Setting]]:
-    """Return settings in rows, which count once because their series are equal.
+    """Return settings in rows that count once each: a row has those of equal series, numbers and outcome.
 
-    If all tests measure the problem alone, settings of one problem with the same outcome form a row.
+    If all tests measure the problem alone, a row has the settings of one problem with the same outcome. A setting of
+    which a series is missing has a row of its own.
     """
     out: dict[object, list[Setting]] = {}
     for k, s in enumerate(found):
@@ -125,50 +128,52 @@ def find_sides(claim: Claim, rows: Sequence[Row], *, decide: bool = True, explai
 def conclude(
     claim: Claim, rows: Sequence[Row], *, decide: bool = True, explain: bool = True, hangs: bool = True
 ) -> ClaimFinding:
-    """Count the settings where the claim holds, and conclude with a verdict.
+    """Count the settings where the claim holds, and return the finding with the verdict.
 
-    Without ``decide`` the verdict is left open, as for an incomplete map. ``explain`` names the choices with which the
-    claim holds. With ``hangs`` a verdict that depends on one failed run is left open.
+    Without ``decide`` the verdict is left open, as for an incomplete map. With ``explain`` it
+    names the choices with which the claim holds. With ``hangs`` a verdict that depends on one failed run is left open.
     """
-    counted, lone = _set_back([row for row in rows if row[0].holds is not None])
-    first = [row[0] for row in counted]
-    holding = [s for s in first if s.holds]
+    counted, lone = _set_aside_lone([row for row in rows if row[0].holds is not None])
+    representatives = [row[0] for row in counted]
+    holding = [s for s in representatives if s.holds]
     # a printed setting is represented by itself, not by equal ones
-    every = [s for row in counted for s in ([s for s in row if s.printed] or row)]
-    left = Counter(row[0].left_out for row in rows if row[0].holds is None)
+    settings = [s for row in counted for s in ([s for s in row if s.printed] or row)]
+    left_open = Counter(row[0].left_out for row in rows if row[0].holds is None)
     verdict, why = ClaimVerdict.CANNOT_BE_TOLD, None
-    missing = [m for m in _list_doubts(claim, first, left) if hangs or m.gap is not ClaimGap.HANGS] if decide else []
-    along = claim.across if claim.one_suffices else ""
-    tried = {q.dimensions[along] for row in rows for s in row for q in s.runs} if along else set()
-    some = any(len(set(s.met_at)) < len(tried) for s in first)
+    doubts = _list_doubts(claim, representatives, left_open) if decide else []
+    missing = [m for m in doubts if hangs or m.gap is not ClaimGap.HANGS]
+    dimension = claim.across if claim.one_suffices else ""
+    tried = {q.dimensions[dimension] for row in rows for s in row for q in s.runs} if dimension else set()
+    only_some_values = any(len(set(s.met_at)) < len(tried) for s in representatives)
     if decide and not missing:
-        verdict = _count_verdict(claim, len(holding), len(first))
-        if verdict is ClaimVerdict.REPRODUCED and some:
+        verdict = _count_verdict(claim, len(holding), len(representatives))
+        if verdict is ClaimVerdict.REPRODUCED and only_some_values:
             verdict = ClaimVerdict.REPRODUCED_IF
-            shared = set.intersection(*(set(s.met_at) for s in first))
-            why = decide_along(along, shared, tried) if shared else None
-        divided = claim.quantifier == "some" and verdict is ClaimVerdict.REPRODUCED and len(holding) < len(first)
+            shared = set.intersection(*(set(s.met_at) for s in representatives))
+            why = decide_along(dimension, shared, tried) if shared else None
+        # "some" is met, though not by all
+        divided = verdict is ClaimVerdict.REPRODUCED and len(holding) < len(representatives)
         if (verdict is ClaimVerdict.REPRODUCED_IF or divided) and explain and why is None:
-            why = decision(_spread_along(claim, every) if some else list_dimensions(claim, every))
+            why = find_decision((_spread_along if only_some_values else list_dimensions)(claim, settings))
     return ClaimFinding(
         verdict,
-        len(holding),
-        len(counted),
-        len(every),
-        sum(s.stopped for s in holding),
-        why,
-        left_out=tuple(ExcludedSettings(how, left[how]) for how in Ending if left[how]),
-        met=(len({v for s in every for v in s.met_at}), len(tried)) if tried else None,
+        holds=len(holding),
+        settings=len(counted),
+        rows=len(settings),
+        stopped=sum(s.stopped for s in holding),
+        decision=why,
+        left_out=tuple(ExcludedSettings(how, left_open[how]) for how in Ending if left_open[how]),
+        met=(len({v for s in settings for v in s.met_at}), len(tried)) if tried else None,
         missing=tuple(missing),
-        like=sum(map(len, counted)) - len(every),
+        like=sum(map(len, counted)) - len(settings),
         lone=lone,
     )
 
 
-def _set_back(counted: Sequence[Row]) -> tuple[list[Row], int]:
-    """Return the rows with some set to "not met", and the number of these.
+def _set_aside_lone(counted: Sequence[Row]) -> tuple[list[Row], int]:
+    """Return the rows with those that meet the claim by one failed run alone set to "not met", and the number of these.
 
-    They meet the claim by one failed run alone, while other settings meet it without such a run.
+    If no other row meets the claim, all rows are returned unchanged, with 0.
     """
     lone = [bool(row[0].holds and row[0].failed and row[0].met_at) for row in counted]
     if sum(lone) == sum(bool(row[0].holds) for row in counted):
@@ -193,9 +198,10 @@ def _count_verdict(claim: Claim, holding: int, counted: int) -> ClaimVerdict:
 
 
 def _list_doubts(claim: Claim, counted: Sequence[Setting], left: Mapping[Ending, int]) -> list[MissingReason]:
-    """Return reasons why a count decides nothing: most runs ended early, or the verdict depends on one failed run.
+    """Return the reason, as a list of at most one, why a count decides nothing.
 
-    ``counted`` are the settings that count, ``left`` the numbers of those left out, by reason.
+    Either most runs ended early, or the verdict depends on one failed run. ``counted`` are the settings that count,
+    ``left`` the numbers of those left out, by how their runs ended.
     """
     asked = len(counted) + sum(left[how] for how in CUT)
     if counted and len(counted) < FEW * asked:
@@ -211,10 +217,10 @@ def _list_doubts(claim: Claim, counted: Sequence[Setting], left: Mapping[Ending,
 
 
 def list_dimensions(claim: Claim, found: Sequence[Setting]) -> list[tuple[Mapping[str, Value], bool]]:
-    """Return the dimensions of each setting that some run chose, and whether the claim holds there.
+    """Return each setting as the values of the dimensions that some run sets, and whether the claim holds there.
 
-    Defaults differ between problems and solvers, and an option that a solver's runs leave alone is none of its
-    choices.
+    Dimensions at their defaults in all runs are left out, and so are options of a solver that all of its own runs leave
+    at their defaults: they are no choices. The dimension ``across`` is left out, too.
     """
     runs = [q for s in found for q in s.runs]
     chosen = find_chosen(runs) - {claim.across}
@@ -224,7 +230,7 @@ def list_dimensions(claim: Claim, found: Sequence[Setting]) -> list[tuple[Mappin
 
 
 def _spread_along(claim: Claim, found: Sequence[Setting]) -> list[tuple[Mapping[str, Value], bool]]:
-    """Return each setting with each value along ``across``, and whether that value meets the claim."""
+    """Return each setting once for each of its values along ``across``, and whether that value meets the claim."""
     return [
         ({**own, claim.across: value}, value in s.met_at)
         for (own, _), s in zip(list_dimensions(claim, found), found, strict=True)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...declaring import Count, JointDeclaration
-from ..frames import frame_ahead
+from ..frames import make_angle_frame
 
 
 def phi(i, j, p):  # type: ignore[no-untyped-def]
@@ -21,7 +21,7 @@ KIND = JointDeclaration(
     across=True,
     motion="rad",
     given="the axis in both bodies, `across_i`, `across_j`, `motion` f [rad]",
-    frame=frame_ahead,
+    frame=make_angle_frame,
     phi=phi,
     turning=(True,),
 )

@@ -1,7 +1,7 @@
 """Driven position: the point of i moves along an axis of j as a function of time prescribes."""
 
 from ...declaring import Count, JointDeclaration, slides
-from ..frames import axis_alone
+from ..frames import make_axis_frame
 
 KIND = JointDeclaration(
     "driven position",
@@ -11,6 +11,6 @@ KIND = JointDeclaration(
     equation="n_1 . d - f(t) = 0",
     axes="j",
     motion="m",
-    frame=axis_alone,
+    frame=make_axis_frame,
     phi=lambda i, j, p: [slides(i, j, p, p.n[0])[0] - p.f],
 )

@@ -1,7 +1,7 @@
 """Knife edge: the point of i has no velocity along the normal of its blade (nonholonomic)."""
 
 from ...declaring import Count, JointDeclaration
-from ..frames import blade
+from ..frames import make_blade_frame
 
 
 def rates(i, j, p):  # type: ignore[no-untyped-def]
@@ -19,7 +19,7 @@ KIND = JointDeclaration(
     axes="i",
     motion="m/s",
     needs_motion=False,
-    frame=blade,
+    frame=make_blade_frame,
     rates=rates,
     note="the normal of its blade",
 )

@@ -1,7 +1,7 @@
 """Normal axes: two directions stay normal to each other."""
 
 from ...declaring import Count, JointDeclaration, tilts
-from ..frames import axis_alone
+from ..frames import make_axis_frame
 
 KIND = JointDeclaration(
     "normal axes",
@@ -10,6 +10,6 @@ KIND = JointDeclaration(
     leaves="all but the angle of axis_i and axis_j, which stay normal to each other",
     equation="u . n_1 = 0",
     axes="ij",
-    frame=axis_alone,
+    frame=make_axis_frame,
     phi=lambda i, j, p: tilts(i, j, (p.u, p.n[0])),
 )

@@ -1,7 +1,7 @@
 """Point on line: a bead on a wire that is fixed in body j."""
 
 from ...declaring import Count, JointDeclaration, slides
-from ..frames import normals
+from ..frames import make_common_axis_frame
 
 KIND = JointDeclaration(
     "point on line",
@@ -10,6 +10,6 @@ KIND = JointDeclaration(
     leaves="all rotation, and the point of i along axis_j through the point of j",
     equation="n_1 . d = n_2 . d = 0",
     axes="j",
-    frame=normals,
+    frame=make_common_axis_frame,
     phi=lambda i, j, p: slides(i, j, p, p.n[0], p.n[1]),
 )

@@ -1,7 +1,7 @@
 """Point on plane: the point of i stays in a plane of j."""
 
 from ...declaring import Count, JointDeclaration, slides
-from ..frames import axis_alone
+from ..frames import make_axis_frame
 
 KIND = JointDeclaration(
     "point on plane",
@@ -10,6 +10,6 @@ KIND = JointDeclaration(
     leaves="all but the motion of the point of i along axis_j, the normal of a plane of j",
     equation="n_1 . d = 0",
     axes="j",
-    frame=axis_alone,
+    frame=make_axis_frame,
     phi=lambda i, j, p: slides(i, j, p, p.n[0]),
 )

@@ -1,7 +1,7 @@
 """Prismatic joint: a slider."""
 
 from ...declaring import Count, JointDeclaration, slides, tilts
-from ..frames import normals
+from ..frames import make_common_axis_frame
 
 KIND = JointDeclaration(
     "prismatic",
@@ -11,7 +11,7 @@ KIND = JointDeclaration(
     equation="n_1 . d = n_2 . d = 0, u . n_1 = u . n_2 = w . n_2 = 0",
     axes="ij",
     across=True,
-    frame=normals,
+    frame=make_common_axis_frame,
     phi=lambda i, j, p: [
         *slides(i, j, p, p.n[0], p.n[1]),
         *tilts(i, j, (p.u, p.n[0]), (p.u, p.n[1]), (p.w, p.n[1])),

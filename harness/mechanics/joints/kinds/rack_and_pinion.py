@@ -3,16 +3,16 @@
 import numpy as np
 
 from ...declaring import Count, JointDeclaration, gap
-from ..frames import frame_ahead
+from ..frames import make_angle_frame
 
 
 def phi(i, j, p):  # type: ignore[no-untyped-def]
-    """Return the row r theta - x [m], taken within half a turn, which no motion leaves.
+    """Return the row r theta - x [m], with theta - x / r taken within half a turn of 0, where a motion keeps it.
 
-    x is the travel along across_j, theta the angle from there to across_i.
+    x is the travel of the pinion's centre along across_j, theta the angle from across_j to across_i about the axis.
     """
-    e, u, way = -j.turn(p.n[1]), i.turn(p.u), gap(i, j, p)
-    rolled = (e @ way) / p.length
+    e, u, d = -j.turn(p.n[1]), i.turn(p.u), gap(i, j, p)
+    rolled = (e @ d) / p.length
     x, y = u @ e, u @ j.turn(p.n[0])
     cosine, sine = np.cos(rolled), np.sin(rolled)
     return [p.length * np.arctan2(y * cosine - x * sine, x * cosine + y * sine)]
@@ -27,6 +27,6 @@ KIND = JointDeclaration(
     axes="ij",
     across=True,
     length="radius of the pinion",
-    frame=frame_ahead,
+    frame=make_angle_frame,
     phi=phi,
 )

@@ -1,7 +1,7 @@
 """Revolute joint: a hinge."""
 
 from ...declaring import Count, JointDeclaration, gap, tilts
-from ..frames import normals
+from ..frames import make_common_axis_frame
 
 KIND = JointDeclaration(
     "revolute",
@@ -10,6 +10,6 @@ KIND = JointDeclaration(
     leaves="rotation about the common axis",
     equation="d = 0, u . n_1 = u . n_2 = 0",
     axes="ij",
-    frame=normals,
+    frame=make_common_axis_frame,
     phi=lambda i, j, p: [*gap(i, j, p), *tilts(i, j, (p.u, p.n[0]), (p.u, p.n[1]))],
 )

@@ -1,11 +1,11 @@
 """Rolling disc: a thin disc rolls on a plane of j without slipping (nonholonomic)."""
 
 from ...declaring import Count, JointDeclaration, length
-from ..frames import tangents
+from ..frames import make_disc_frame
 
 
 def find_lowest_point(i, j, p):  # type: ignore[no-untyped-def]
-    """Return the disc's lowest point above the plane of j, in space [m]."""
+    """Return the point of the disc that is lowest above the plane of j, in space [m]."""
     n, axis = j.turn(p.n[0]), i.turn(p.u)
     down = n - (n @ axis) * axis
     return i.at(p.s_i) - (p.length / length(down)) * down
@@ -32,7 +32,7 @@ KIND = JointDeclaration(
     axes="ij",
     length="radius of the disc",
     given="centre `s_i`, `axis_i`, a point and the normal `axis_j` of the plane, `length`, the radius",
-    frame=tangents,
+    frame=make_disc_frame,
     phi=phi,
     rates=rates,
 )

@@ -1,7 +1,7 @@
 """Universal joint: two points coincide, two axes stay normal to each other."""
 
 from ...declaring import Count, JointDeclaration, gap, tilts
-from ..frames import axis_alone
+from ..frames import make_axis_frame
 
 KIND = JointDeclaration(
     "universal",
@@ -10,6 +10,6 @@ KIND = JointDeclaration(
     leaves="rotation about axis_i and axis_j, which stay normal to each other",
     equation="d = 0, u . n_1 = 0",
     axes="ij",
-    frame=axis_alone,
+    frame=make_axis_frame,
     phi=lambda i, j, p: [*gap(i, j, p), *tilts(i, j, (p.u, p.n[0]))],
 )

@@ -10,7 +10,7 @@ from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.catalogue.suites.includes import find_suite_file, list_suites, read_source
-from mbsbench.harness.catalogue.suites.suite import _add_defaults, _expand, count_runs, load_suite, parse_suite
+from mbsbench.harness.catalogue.suites.suite import _add_defaults, _expand_group, count_runs, load_suite, parse_suite
 from mbsbench.harness.run.job import Job
 from mbsbench.harness.run.runner import Request, run_suite
 from mbsbench.tests.factories import PLUGIN, Silent, parse_specs
@@ -240,6 +240,7 @@ def test_wrong_suites_are_reported_in_one_line(text):
     assert BAD[text] in str(error.value) and "\n" not in str(error.value) and "test.toml" in str(error.value)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", list_suites())
 def test_our_suites_are_sound(name):
     """Every name, option and product in harness/catalogue/suites/ exists."""
@@ -343,7 +344,7 @@ def test_runs_are_counted_as_they_are_made(suite: str) -> None:
     own = read_source(find_suite_file(suite))
     for group in own.file.runs:
         whole = _add_defaults(group, own.file.defaults)
-        assert count_runs(whole) == sum(1 for _ in _expand(whole, {}))
+        assert count_runs(whole) == sum(1 for _ in _expand_group(whole, {}))
 
 
 def test_a_system_beyond_all_bounds_is_refused_in_words() -> None:

@@ -116,6 +116,7 @@ SAME = {  # file, content, reading, words of a note
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", SAME)
 def test_one_motion_in_each_form_is_a_success(tmp_path, name):
     """To its twelve digits."""

@@ -175,6 +175,7 @@ def test_a_solver_that_drops_time_does_not_follow_drives(text, tmp_path, monkeyp
 SLOW = [k for k in FAULTS if "error control" in k or "all counted" in k]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("fault", [pytest.param(k, marks=[pytest.mark.slow] if k in SLOW else []) for k in FAULTS])
 def test_a_planted_fault_is_found_with_its_number(fault, tmp_path):
     """Gyroscopic torque, order, reactions, records and joints have a requirement each; nothing else fails with them."""

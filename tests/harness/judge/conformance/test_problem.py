@@ -80,6 +80,7 @@ def checked(tmp_path, text):
         return requirements.check_problem("gyroscope", (str(path),))
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize("text", [EXAMPLE, pytest.param(WHOLE, marks=pytest.mark.slow)], ids=["shorter", "as printed"])
 def test_the_worked_example_meets_the_requirements(text, tmp_path, command):
     """The example of docs/your-own-problem.md is a whole problem; the page's commands say so."""
@@ -93,6 +94,7 @@ def test_the_worked_example_meets_the_requirements(text, tmp_path, command):
     assert done.returncode == 0 and "error" in done.stdout, done.stdout + done.stderr
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_each_fault_is_found(tmp_path, fault):
     """And nothing is called broken that is not."""

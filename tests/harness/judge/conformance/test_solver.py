@@ -63,6 +63,7 @@ def test_the_worked_example_meets_the_requirements(example, command):
     assert ("1 not tested" in done.stdout) is not refuses
 
 
+@pytest.mark.sampled(1)
 @each_example
 def test_the_worked_example_runs(example, command, tmp_path):
     """The page's command, on its short side."""

@@ -64,7 +64,7 @@ FAULTS = (
     Fault("harness/mechanics/so3.py", "return 2.0 * np.arcsin(", "return np.arcsin(", of(PENDULUM, "gc_weak_form dt")),
     Fault(
         "harness/catalogue/registry.py",
-        "gravity=turn(s.gravity[None], np.array([GROUND]))[0],",
+        "gravity=rotate(s.gravity[None], np.array([GROUND]))[0],",
         "",
         of(TURNED, "rk45_strong_form"),
     ),
@@ -131,8 +131,8 @@ FAULTS = (
     Fault(METHODS + "rattle.py", "copy(s.half, k.v)", "copy(k.w, k.v)  # as before the force", of(PENDULUM, "rattle")),
     Fault(
         METHODS + "alpha.py",
-        "share * c.beta * h * h, share * c.gamma * h",
-        "share * c.beta * h * h, share * h",
+        "ratio * c.beta * h * h, ratio * c.gamma * h",
+        "ratio * c.beta * h * h, ratio * h",
         of(PENDULUM, "generalized_alpha"),
     ),
     Fault(

@@ -17,16 +17,16 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.catalogue.suites.spec import RunSpec
 from mbsbench.harness.columns.identity import compute_fingerprint
-from mbsbench.harness.judge.gate.baseline import FOLDER, read_thresholds, write_thresholds
+from mbsbench.harness.judge.gate.baseline import FOLDER, format_thresholds, read_thresholds
 from mbsbench.harness.judge.gate.check import (
     count_cases,
     count_states,
     describe_counts,
     describe_gate,
-    find_worst,
+    find_worst_verdict,
     is_open,
-    judge,
-    list_absent,
+    judge_runs,
+    list_missing_packages,
     select_consequences,
     select_judged,
     select_notable,
@@ -69,7 +69,7 @@ BOUNDS = Thresholds("t", (threshold(CASE), threshold(OTHER)))
 
 
 def state(records=RECORDS, bounds=BOUNDS, specs=RUNS):
-    return judge(specs, records, bounds)
+    return judge_runs(specs, records, bounds)
 
 
 def with_bound(**change) -> Thresholds:
@@ -82,7 +82,7 @@ def changed(**change) -> list[RunRecord]:
 
 def test_all_within_bounds_is_open():
     """The plain case."""
-    assert find_worst(state()) is Verdict.MET and is_open(state())
+    assert find_worst_verdict(state()) is Verdict.MET and is_open(state())
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_all_within_bounds_is_open():
 )
 def test_the_gate_closes(verdict):
     """Breach, NaN, wrong, refused, timed out, missing, empty, unjudged, or a bound on a run that is gone."""
-    assert find_worst(verdict()) is Verdict.FAILED and not is_open(verdict())
+    assert find_worst_verdict(verdict()) is Verdict.FAILED and not is_open(verdict())
 
 
 def test_a_value_below_its_lower_bound_is_said_to_be_better():
@@ -182,7 +182,7 @@ def test_two_runs_of_one_name_are_not_judged_as_one():
 def test_thresholds_of_another_suite_are_refused(tmp_path, capsys):
     """Those of a short suite would leave the runs of a long one unjudged."""
     path = tmp_path / "t.toml"
-    path.write_text(write_thresholds(BOUNDS))
+    path.write_text(format_thresholds(BOUNDS))
     assert main(["gate", "--suite", "ci", "--thresholds", str(path)]) == 2
     assert "suite 't', not of 'ci'" in capsys.readouterr().err
 
@@ -195,11 +195,13 @@ def test_a_result_of_other_code_counts_as_missing():
     )
     here = dataclasses.replace(RECORDS[1], code="now")
     for records in ([old, new, here], [here, new, old]):
-        assert is_open(judge(RUNS, records, BOUNDS, lambda *_: "now"))
-        assert find_worst(judge(RUNS, records, BOUNDS)) is Verdict.FAILED  # the newest of all is the one of other code
-    closed = judge(RUNS, [old, here], BOUNDS, lambda *_: "now")
+        assert is_open(judge_runs(RUNS, records, BOUNDS, lambda *_: "now"))
+        assert (
+            find_worst_verdict(judge_runs(RUNS, records, BOUNDS)) is Verdict.FAILED
+        )  # the newest of all is the one of other code
+    closed = judge_runs(RUNS, [old, here], BOUNDS, lambda *_: "now")
     assert not is_open(closed) and all("other code" in f.why for f in closed if f.subject == CASE)
-    assert not is_open(judge(RUNS, [old, here], BOUNDS, lambda *_: "later"))
+    assert not is_open(judge_runs(RUNS, [old, here], BOUNDS, lambda *_: "later"))
 
 
 @pytest.mark.parametrize("status", ["diverged", "wrong", "crashed"])
@@ -210,7 +212,7 @@ def test_a_success_does_not_hide_a_failure(status):
         good = dataclasses.replace(RECORDS[0], run_id="a", finished=was)
         bad = dataclasses.replace(RECORDS[0], run_id="0", finished=now, status=status)
         for records in ([good, bad, RECORDS[1]], [RECORDS[1], bad, good]):
-            assert find_worst(state(records)) is Verdict.FAILED
+            assert find_worst_verdict(state(records)) is Verdict.FAILED
             assert status in {r.status for r in select_judged(records, None)}
     mended = dataclasses.replace(good, finished=late)
     assert is_open(state([mended, bad, RECORDS[1]])) and is_open(state([bad, mended, RECORDS[1]]))
@@ -256,7 +258,7 @@ def test_the_worst_is_printed_last(capsys, monkeypatch):
         dataclasses.replace(good[1], status="diverged", phi_max=0.0),
         dataclasses.replace(good[2], phi_max=7.0),
     ]
-    result = judge(runs, records, Thresholds("t", tuple(threshold(c, lower=0.5) for c in cases)))
+    result = judge_runs(runs, records, Thresholds("t", tuple(threshold(c, lower=0.5) for c in cases)))
     gate_command._print_findings(result, everything=False)
     lines = capsys.readouterr().out.splitlines()
     first = {word: next(k for k, x in enumerate(lines) if word in x) for word in ("x 1.1", "diverged", "x 7")}
@@ -286,13 +288,13 @@ def test_the_end_of_a_run_is_known_to_the_microsecond():
 def test_expected_failures_are_distinguished():
     """XFAIL keeps the gate open; XPASS closes it, for the expectation is out of date."""
     bounds = with_bound(expect="fail", upper=0.5)
-    assert find_worst(state(bounds=bounds)) is Verdict.XFAIL and is_open(state(bounds=bounds))
+    assert find_worst_verdict(state(bounds=bounds)) is Verdict.XFAIL and is_open(state(bounds=bounds))
     bounds = with_bound(expect="fail")
-    assert find_worst(state(bounds=bounds)) is Verdict.XPASS and not is_open(state(bounds=bounds))
+    assert find_worst_verdict(state(bounds=bounds)) is Verdict.XPASS and not is_open(state(bounds=bounds))
     expects = Thresholds("t", BOUNDS.bounds[1:], (ExpectedStatus(CASE, Status.REFUSED, "redundant rows"),))
-    assert find_worst(state(changed(status="refused"), expects)) is Verdict.XFAIL
-    assert find_worst(state(RECORDS, expects)) is Verdict.XPASS
-    assert find_worst(state(changed(status="crashed"), expects)) is Verdict.FAILED
+    assert find_worst_verdict(state(changed(status="refused"), expects)) is Verdict.XFAIL
+    assert find_worst_verdict(state(RECORDS, expects)) is Verdict.XPASS
+    assert find_worst_verdict(state(changed(status="crashed"), expects)) is Verdict.FAILED
 
 
 def test_update_only_tightens_unless_asked():
@@ -322,7 +324,7 @@ def test_what_update_writes_can_be_read_and_goes_the_same_way(tmp_path, lower, u
     new = threshold(CASE, value=value, upper=1.2 * value)
     (after,) = tighten_bounds(Thresholds("t", (was,)), RECORDS, [new], loosen=loosen).bounds
     path = tmp_path / "t.toml"
-    path.write_text(write_thresholds(Thresholds("t", (after,))))
+    path.write_text(format_thresholds(Thresholds("t", (after,))))
     (read,) = read_thresholds(path).bounds
     assert read == after and (read.upper < math.inf, read.lower > -math.inf) == (upper < math.inf, lower > 0.0)
     assert loosen or (after.lower >= was.lower and after.upper <= was.upper)
@@ -334,7 +336,7 @@ def test_any_words_come_back_as_written(tmp_path):
     odd = 'a "b" \\ \x7f \x00 \U0001f600 é #'
     bounds = Thresholds(odd, (threshold(odd, reason=odd),), (ExpectedStatus(odd, Status.REFUSED, odd),))
     path = tmp_path / "t.toml"
-    path.write_text(write_thresholds(bounds), encoding="utf-8")
+    path.write_text(format_thresholds(bounds), encoding="utf-8")
     assert read_thresholds(path) == bounds
 
 
@@ -346,10 +348,10 @@ def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
     """One step more is a breach; of a float that a machine may round, so is more than the stated tolerance."""
     for tolerance, passes, fails in ((0.0, 100.0, 101.0), (1e-6, 100.00009, 100.0002)):
         bounds = Thresholds("t", (equal(100.0, tolerance), threshold(OTHER)))
-        assert find_worst(state(changed(phi_max=passes), bounds)) is Verdict.MET
-        assert find_worst(state(changed(phi_max=fails), bounds)) is Verdict.FAILED
+        assert find_worst_verdict(state(changed(phi_max=passes), bounds)) is Verdict.MET
+        assert find_worst_verdict(state(changed(phi_max=fails), bounds)) is Verdict.FAILED
         path = tmp_path / "t.toml"
-        path.write_text(write_thresholds(bounds))
+        path.write_text(format_thresholds(bounds))
         assert read_thresholds(path) == bounds
     record = RunRecord(case=CASE, status="success", control="dt", steps=100, rejected=0.0)
     (steps,) = propose_bounds([record])
@@ -408,7 +410,7 @@ def test_thresholds_come_back_as_written(tmp_path, seed):
     bounds = [Threshold(case=case, metric=metric, **b) for (case, metric), b in chosen.items() if b]
     wanted = Thresholds("t", tuple(bounds), (ExpectedStatus("x", Status.REFUSED, 'so "it" is'),))
     path = tmp_path / "t.toml"
-    path.write_text(write_thresholds(wanted))
+    path.write_text(format_thresholds(wanted))
     assert read_thresholds(path) == wanted
 
 
@@ -461,7 +463,7 @@ def test_wrong_thresholds_are_reported(tmp_path, text, words):
 def test_the_committed_baseline_is_as_the_gate_writes_it():
     """A hand edit of a number stays; one of the layout would be lost by the next update, so it is none."""
     text = (FOLDER / "ci.toml").read_text(encoding="utf-8")
-    assert write_thresholds(read_thresholds(FOLDER / "ci.toml")) == text and text.count("\n") <= 600
+    assert format_thresholds(read_thresholds(FOLDER / "ci.toml")) == text and text.count("\n") <= 600
 
 
 CELLS = ("{v}", "{v}<{u}", "{l}<{v}<{u}")
@@ -476,16 +478,16 @@ def test_a_number_typed_into_a_cell_survives(tmp_path_factory, numbers, width, c
     read = read_thresholds(path)
     (bound, steps) = read.bounds
     assert bound.holds(float(value)) and f"{bound.value:.4g}" == value and steps.holds(100.0)
-    path.write_text(write_thresholds(read))
+    path.write_text(format_thresholds(read))
     assert read_thresholds(path) == read and ".bounds." not in path.read_text()
 
 
 def test_a_wider_bound_or_another_value_is_a_change_of_its_own_line(tmp_path):
     """One run's numbers are in its own line, so that a diff shows that run alone."""
     runs = [threshold(f"p s dt=0.{k}", value=1.0, upper=1.2, lower=0.8333, reason=FIXED_STEP.reason) for k in range(5)]
-    was = write_thresholds(Thresholds("t", tuple(runs))).splitlines()
+    was = format_thresholds(Thresholds("t", tuple(runs))).splitlines()
     runs[2] = replace(runs[2], value=123.4, upper=5678.0)
-    now = write_thresholds(Thresholds("t", tuple(runs))).splitlines()
+    now = format_thresholds(Thresholds("t", tuple(runs))).splitlines()
     assert len(was) == len(now) and [k for k, line in enumerate(now) if line != was[k]] == [was.index(was[-3])]
 
 
@@ -493,19 +495,19 @@ def test_a_run_without_its_package_is_left_out_only_where_it_was_named():
     """One finding a case, whatever its thresholds and expectations; a gate that measured nothing is closed."""
     lacking = changed(status="refused", missing_package="a", message="a is not installed: pip install a")
     for without, opens in (((), False), (("b",), False), (("a",), True), (("a", "b"), True)):
-        found = judge(RUNS, lacking, BOUNDS, without=without)
+        found = judge_runs(RUNS, lacking, BOUNDS, without=without)
         assert is_open(found) is opens and count_cases(found) == 2
         assert [f.quantity for f in found if f.subject == CASE] == ["status"]
     assert describe_gate(found) == "open for 1 of 2; 1 not measured here: a" and count_states(found)["SKIP"] == 1
-    assert list_absent(found) == {CASE: "a"} and select_notable(found) == []
+    assert list_missing_packages(found) == {CASE: "a"} and select_notable(found) == []
     expects = Thresholds("t", BOUNDS.bounds[1:], (ExpectedStatus(CASE, Status.REFUSED, "redundant rows"),))
-    assert not is_open(judge(RUNS, lacking, expects))  # refused, but not for the reason that was expected
+    assert not is_open(judge_runs(RUNS, lacking, expects))  # refused, but not for the reason that was expected
     breached = [lacking[0], dataclasses.replace(lacking[1], phi_max=9.0)]
-    closed = judge(RUNS, breached, BOUNDS, without=("a",))
+    closed = judge_runs(RUNS, breached, BOUNDS, without=("a",))
     assert not is_open(closed) and describe_gate(closed) == "CLOSED; 1 not measured here: a"
     none = [dataclasses.replace(r, status="refused", missing_package="a") for r in RECORDS]
-    nothing = judge(RUNS, none, BOUNDS, without=("a",))
+    nothing = judge_runs(RUNS, none, BOUNDS, without=("a",))
     assert not is_open(nothing) and describe_counts(nothing) == "nothing was judged"
     assert ElementTree.fromstring(format_junit(nothing, "t").partition("\n")[2]).attrib["failures"] == "1"
     stale = changed(status="success", missing_package="a", phi_max=9.0)  # it ran: the package is no excuse
-    assert not is_open(judge(RUNS, stale, BOUNDS, without=("a",)))
+    assert not is_open(judge_runs(RUNS, stale, BOUNDS, without=("a",)))

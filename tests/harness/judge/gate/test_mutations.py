@@ -28,7 +28,7 @@ import casadi, numba, numpy, pandas, scipy.integrate, scipy.spatial.transform  #
 def judged(runs):
     from mbsbench.tests.factories import run_here
     from mbsbench.harness.run.job import Job
-    from mbsbench.harness.judge.gate.check import is_open, judge, select_notable
+    from mbsbench.harness.judge.gate.check import is_open, judge_runs, select_notable
     from mbsbench.harness.judge.gate.baseline import FOLDER, read_thresholds
     from mbsbench.harness.judge.gate.thresholds import Thresholds
     from mbsbench.harness.results import store
@@ -39,7 +39,7 @@ def judged(runs):
     cases, all_ = {c.case for c in specs}, read_thresholds(FOLDER / "ci.toml")
     own = Thresholds("ci", *(tuple(b for b in part if b.case in cases) for part in (all_.bounds, all_.statuses)))
     with tempfile.TemporaryDirectory() as place:
-        found = judge(specs, [run_here(Job(c, store.create_folder(Path(place)))) for c in specs], own)
+        found = judge_runs(specs, [run_here(Job(c, store.create_folder(Path(place)))) for c in specs], own)
     sys.stderr.write("".join(f"{f.verdict} {f.quantity} {f.text}\\n" for f in select_notable(found)[:3]))
     return is_open(found)
 

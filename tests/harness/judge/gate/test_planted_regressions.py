@@ -14,7 +14,7 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.suites.suite import load_suite
 from mbsbench.harness.judge.gate.baseline import FOLDER, read_thresholds
-from mbsbench.harness.judge.gate.check import find_worst, judge
+from mbsbench.harness.judge.gate.check import find_worst_verdict, judge_runs
 from mbsbench.harness.judge.gate.thresholds import Thresholds
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.mechanics.types import Status, StepControl
@@ -65,9 +65,10 @@ def state_of(spec, run, folder: Path) -> Verdict:
     assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
     record = dataclasses.replace(record, case=spec.case, settings_id=spec.settings_id)
     bounds = tuple(b for b in THRESHOLDS.bounds if b.case == spec.case)
-    return find_worst(judge([spec], [record], Thresholds("ci", bounds)))
+    return find_worst_verdict(judge_runs([spec], [record], Thresholds("ci", bounds)))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("spec", "worse"), list(planted()))
 def test_a_planted_regression_closes_the_gate(spec, worse, tmp_path):
     """Each is a change of a line that every other check may let through."""
@@ -143,6 +144,7 @@ CHANGED = [(solver, planted) for solver in sorted({c.solver for c in SUITE.specs
 DROPPED = ("rattle", "rattle_joint", "gc_weak_form", "gc_composed", "ida_index1")  # one of each way to change a line
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("solver", "planted"), few(CHANGED, lambda case: case[1] == "sign" or case[0] in DROPPED))
 def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
     """A sign turned or a term dropped in the source of each solver."""

@@ -44,6 +44,7 @@ dt = 0.01
 """
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("where", "words"), [("everywhere", "leaves.py"), ("then", "ended before its verdict"), ("at its end", "")]
 )

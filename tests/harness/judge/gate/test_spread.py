@@ -16,7 +16,7 @@ from mbsbench.harness.base import machine
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.catalogue.suites.spec import RunSpec
 from mbsbench.harness.judge.gate import rounding
-from mbsbench.harness.judge.gate.baseline import read_thresholds, write_thresholds
+from mbsbench.harness.judge.gate.baseline import format_thresholds, read_thresholds
 from mbsbench.harness.judge.gate.check import tighten_bounds
 from mbsbench.harness.judge.gate.rounding import (
     FRAME,
@@ -111,7 +111,7 @@ def test_the_file_says_what_was_measured(tmp_path):
     new = widen_by_spread(OLD, samples)
     assert new.spread == Spread(3, (FRAME, START), 1.01, f"{CASE} energy_drift_max_J")
     path = tmp_path / "t.toml"
-    path.write_text(write_thresholds(new), encoding="utf-8")
+    path.write_text(format_thresholds(new), encoding="utf-8")
     assert read_thresholds(path) == new and "[spread]\nsamples = 3" in path.read_text(encoding="utf-8")
 
 
@@ -130,7 +130,7 @@ def test_kinds_of_rounding_come_in_turn():
     assert choose_kernels(found[0][2]) == {}
 
 
-@pytest.mark.skipif(not machine.list_variables(), reason="this processor is none that the pin knows")
+@pytest.mark.skipif(not machine.list_variables(), reason="this processor has no pinned arithmetic")
 @pytest.mark.parametrize("native", ["0", "1"])
 def test_repeats_with_other_kernels_differ_in_them_alone(native):
     """Code that is compiled for another processor would be a second kind of rounding; natively both are the host's."""
@@ -238,6 +238,7 @@ def test_a_run_that_is_repeated_as_it_was_is_one_sample(tmp_path, monkeypatch):
     assert read_thresholds(Path("t.toml")).spread.samples == 4  # unchanged, two frames, one of kernels
 
 
+@pytest.mark.sampled(0)
 def test_a_gate_with_a_case_that_rounding_decides_says_so_and_bounds_the_others(tmp_path, monkeypatch, capfd):
     """Exit code 2 and a line; the bounds of that case are as they were, the file says what was measured."""
     monkeypatch.chdir(tmp_path)

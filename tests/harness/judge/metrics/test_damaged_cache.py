@@ -71,6 +71,7 @@ ALL = [(which, damage) for which in (INDEX, CODES, SEALS) for damage in (empty, 
 OFTEN = [(INDEX, empty), (INDEX, pipe), (CODES, flip), (CODES, link), (SEALS, halve)]  # which compiles all anew
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(("which", "damage"), few(ALL, OFTEN.__contains__))
 def test_a_damaged_file_is_made_anew(made: Path, damage, which: str) -> None:
     """The run gives its numbers without a word, and the next finds all compiled again."""

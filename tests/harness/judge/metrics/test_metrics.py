@@ -219,7 +219,7 @@ def test_all_laws_and_sizes_are_those_of_numpy(anywhere, monkeypatch):
         return end.r, end.R, end.v, end.Omega
 
     calls = {
-        "laws": lambda: measure._laws(system, s),
+        "laws": lambda: measure._compute_laws(system, s),
         "displacement": lambda: (
             scales.measure_displacement(system, s, first),
             scales.measure_displacement(system, s, s),
@@ -239,6 +239,6 @@ def test_what_is_no_number_stays_none(monkeypatch):
     R = np.tile(p.initial.R, (5, 1, 1, 1))
     R[2, -1, 0, 0] = np.nan
     s = States(r, R, np.zeros_like(r), np.zeros_like(r))
-    for plain, fast in zip(*in_both(lambda: measure._laws(p.system, s), monkeypatch), strict=True):
+    for plain, fast in zip(*in_both(lambda: measure._compute_laws(p.system, s), monkeypatch), strict=True):
         assert_same(np.isnan(plain), np.isnan(fast))
     assert not passes.are_rotations(R) and passes.are_rotations(R[:2])

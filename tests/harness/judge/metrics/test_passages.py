@@ -36,6 +36,7 @@ def test_each_flat_pose_is_found_at_the_time_of_the_angle(of):
     assert_each(np.min(np.abs(found[:, None] - true), axis=1), "<", 1e-4)
 
 
+@pytest.mark.sampled(0)
 @pytest.mark.parametrize(
     "of", [parallel_bars(1.0, [0.25], -3.0), folding_crank(0.4, 8.0)], ids=lambda of: of.problem.name
 )

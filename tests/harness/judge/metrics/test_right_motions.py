@@ -172,6 +172,7 @@ def test_reactions_that_are_no_numbers_hide_no_false_ones():
     assert measure_truncation(problem.system, run.t, run.states, told, *sizes(judge(problem, run))).reactions > 1.0
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["bricard", "simple_pendulum", "four_bar_grid", "andrews"])
 def test_poses_aside_hide_no_false_reactions(name):
     """A pose as far aside as the gap may be is the run's fault: it widens no bound by more than 1e-3 of the length."""

@@ -43,6 +43,7 @@ def replay_exact(name, parameters, t_end, times):
     return problem, Trajectory(t, reference.states(t), Status.SUCCESS, "recorded", {"steps": len(t) - 1})
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("what", "rows"), few(ROWS, is_quick))
 def test_an_exact_motion_is_right_in_any_number_of_rows(what, rows):
     name, parameters, t_end = MOTIONS[what]
@@ -50,6 +51,7 @@ def test_an_exact_motion_is_right_in_any_number_of_rows(what, rows):
     assert not found.doubts and {r.law for r in found.inaccuracy} <= {"rows"}  # too few of them is told
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("share", [0.03, 0.37])
 @pytest.mark.parametrize("what", few(MOTIONS, lambda what: what not in LONG))
 def test_an_exact_motion_that_is_cut_short_is_right(what, share):

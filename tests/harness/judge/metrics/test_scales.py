@@ -141,6 +141,7 @@ def drift_of_damped_swing(steps: int) -> float:
     return float(np.max(np.abs(m.energy_error)) / m.size.limits[Law.ENERGY])
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("steps", [3, 24, 48])
 def test_the_work_of_dampers_is_as_exact_as_the_motion(steps):
     """Three steps a swing are off by 1.7 times the limit by the trapezoidal rule, and by half of it along cubics."""

@@ -1,6 +1,6 @@
 """One claim, its map and its runs, made up: what verdicts are tested on."""
 
-from mbsbench.harness.judge.referee.claims.judging import judge
+from mbsbench.harness.judge.referee.claims.judging import judge_claims
 from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.claims import ClaimFinding, ClaimVerdict, JudgedClaim, VerdictEvidence
 from mbsbench.tests.factories import make_record, parse_specs
@@ -55,4 +55,4 @@ def options(spec):
 def claim(text=TEST, records=None, of=lambda r: None, specs=RUNS):
     """The verdict on one claim; by default every run has |phi| = 0.5 m."""
     found = [make_record(c, phi_max=0.5) for c in specs] if records is None else records
-    return judge(parse_register(MAP + HEAD + text), specs, found, of)[0]
+    return judge_claims(parse_register(MAP + HEAD + text), specs, found, of)[0]

@@ -31,9 +31,9 @@ def published(tmp_path, monkeypatch):
         to_json(add_generation(SECOND, digest_present_code(), add_generation(FIRST, SECOND, None, *ALL), *ALL))
     )
     monkeypatch.setattr(carried, "read_carried", lambda: read_carried(path))
-    carried.list_equal.cache_clear()
+    carried.list_equal_generations.cache_clear()
     yield path
-    carried.list_equal.cache_clear()
+    carried.list_equal_generations.cache_clear()
 
 
 def test_the_present_code_is_its_own():
@@ -70,9 +70,12 @@ def test_a_column_that_is_added_leaves_all_that_was_carried(published):
     known, here = read_carried(published), digest_present_code()
     (added, _), *fewer = here.columns.items()
     published.write_text(to_json(replace(known, now=replace(known.now, columns=dict(fewer)))))
-    carried.list_equal.cache_clear()
-    assert [g.columns.keys() for g in carried.list_equal()[:2]] == [here.columns.keys(), {*here.columns} - {added}]
-    assert len(carried.list_equal()) == 4
+    carried.list_equal_generations.cache_clear()
+    assert [g.columns.keys() for g in carried.list_equal_generations()[:2]] == [
+        here.columns.keys(),
+        {*here.columns} - {added},
+    ]
+    assert len(carried.list_equal_generations()) == 4
     without = CodeDigests({}, {}, here.measuring, "j", "runs", here.running, dict(fewer))
     assert bring_forward(without).columns == here.columns
     assert is_measuring_carried(ColumnDigests(here.measuring, dict(fewer)).digest)
@@ -98,8 +101,8 @@ def test_a_change_after_the_last_carry_ends_it(published):
     """The file speaks of the code that was run, not of what came after."""
     known = read_carried(published)
     published.write_text(to_json(replace(known, now=replace(known.now, measuring="changed"))))
-    carried.list_equal.cache_clear()
-    assert carried.list_equal() == (digest_present_code(),)
+    carried.list_equal_generations.cache_clear()
+    assert carried.list_equal_generations() == (digest_present_code(),)
     assert not is_current_or_carried("chain", "rattle", FIRST.digest_run_code("chain", "rattle"))
 
 
@@ -107,7 +110,7 @@ def test_judges_that_changed_judge_runs_that_were_carried(published):
     """A change of judging asks for no run; what was published of the old judges is theirs."""
     known = read_carried(published)
     published.write_text(to_json(replace(known, now=replace(known.now, judging="before"))))
-    carried.list_equal.cache_clear()
+    carried.list_equal_generations.cache_clear()
     assert is_current_or_carried("chain", "rattle", FIRST.digest_run_code("chain", "rattle"))
     assert bring_forward(CodeDigests(FIRST.solvers, FIRST.problems, FIRST.measuring, "j1", "runs")).judging == "j1"
     other = replace(SECOND, judging="j2")

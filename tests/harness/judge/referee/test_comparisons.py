@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mbsbench.harness.judge.referee.claims.judging import judge
+from mbsbench.harness.judge.referee.claims.judging import judge_claims
 from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.claims import Ending, ExcludedSettings
 from mbsbench.tests.factories import make_record, parse_specs
@@ -24,7 +24,7 @@ def open_for(c, why=Ending.UNCOMPARED):
 
 def of_maps(maps, text, specs, found):
     """The verdict on a claim over maps of its own."""
-    return judge(parse_register(maps + "[[claims]]\n" + HEAD + text), specs, found, lambda r: None)[0]
+    return judge_claims(parse_register(maps + "[[claims]]\n" + HEAD + text), specs, found, lambda r: None)[0]
 
 
 def test_pairs_differ_in_the_form_alone():

@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg as sl
 
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.judge.referee.claims.equations import index3_matrix, newton_matrix
+from mbsbench.harness.judge.referee.claims.equations import make_index3_matrix, make_newton_matrix
 from mbsbench.harness.judge.referee.claims.measures import evaluate
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.tests.comparing import assert_close
@@ -20,7 +20,7 @@ def test_newtons_matrix_is_the_saddle_of_mass_and_rows(problem):
     A, n = constraint_jacobian(system, s).toarray(), 6 * system.nb
     off = []
     for dt in (1e-3, 1e-4):
-        K = newton_matrix(system, s, dt)
+        K = make_newton_matrix(system, s, dt)
         assert_close(K[n:, n:], 0.0, atol=1e-6)
         off.append(max(np.max(np.abs(K[:n, n:] + A.T)), np.max(np.abs(K[n:, :n] - A))))
     assert off[0] < 0.1 and off[1] < 0.2 * off[0] + 1e-8
@@ -48,7 +48,7 @@ def test_the_condition_of_index_3_grows_as_the_step_shrinks():
     ]
     assert found[1] > 10.0 * found[0]
     made = make_problem("heavy_top", {})
-    K = index3_matrix(made.system, made.initial, 1e-2)
+    K = make_index3_matrix(made.system, made.initial, 1e-2)
     assert K.shape == (15, 15) and np.linalg.matrix_rank(K) == 15
 
 

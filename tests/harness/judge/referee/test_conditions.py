@@ -8,11 +8,11 @@ import pytest
 
 from mbsbench.harness.judge.referee.claims.bands import COMBINE, COMPARE, Band
 from mbsbench.harness.judge.referee.claims.conditions import (
+    count_factors,
     decide_along,
-    decision,
-    factors,
+    find_decision,
+    find_separation,
     find_sufficient,
-    separation,
 )
 from mbsbench.harness.results.judgements.claims import Condition, SettingsCount
 
@@ -50,16 +50,16 @@ EULER, LAMBDA = {"chart": ("euler313",)}, {"lambda_in_error_test": (True,)}
 )
 def test_one_dimension_or_two_that_decide_are_named(holds, by, unless):
     """Alone, together, or as where it does not hold; the order of points does not matter, nor what follows from one."""
-    found = decision(points(holds))
+    found = find_decision(points(holds))
     assert (found.by, found.unless) == (by, unless)
-    assert decision(points(holds)[::-1]) == found
-    assert bool(separation(points(holds))) is bool(by) and (by or found.telling)
+    assert find_decision(points(holds)[::-1]) == found
+    assert bool(find_separation(points(holds))) is bool(by) and (by or found.telling)
     if by == EULER:
-        assert decision([({**at, "form": at["chart"][:2]}, h) for at, h in points(holds)]).by == by
+        assert find_decision([({**at, "form": at["chart"][:2]}, h) for at, h in points(holds)]).by == by
 
 
 def test_a_dimension_of_many_names_is_no_line():
-    assert separation([({"case": f"{k}"}, k < 8) for k in range(16)]) is None
+    assert find_separation([({"case": f"{k}"}, k < 8) for k in range(16)]) is None
 
 
 def test_a_mixed_map_names_what_always_and_never_holds():
@@ -69,13 +69,13 @@ def test_a_mixed_map_names_what_always_and_never_holds():
         return at["chart"] == "euler313" and at["lambda_in_error_test"] and at["tolerance"] == 1e-3
 
     extra = [({**at, "gain": g}, h if g else False) for at, h in points(holds) for g in (0.0, 5.0)]
-    found = decision(extra)
+    found = find_decision(extra)
     assert found.by == {} and found.telling
     assert Condition({"chart": "quaternion"}, 0, 12) in found.conditions
 
 
 def test_factors_count_every_value():
-    counts = factors(points(lambda at: at["chart"] == "euler313"))
+    counts = count_factors(points(lambda at: at["chart"] == "euler313"))
     assert counts["chart"] == (SettingsCount("euler313", 6, 6), SettingsCount("quaternion", 0, 6))
     assert counts["tolerance"][-1] == SettingsCount(1e-3, 2, 4)
 
@@ -156,7 +156,7 @@ def test_values_that_suffice_cover_what_holds():
             inside = [holds for at, holds in own if all(at[n] == v for n, v in c.at.items())]
             assert inside and all(inside) and len(inside) == c.settings
         covered = sum(holds and any(all(at[n] == v for n, v in c.at.items()) for c in found) for at, holds in own)
-        d = decision(own)
+        d = find_decision(own)
         assert covered + rest == sum(holds for _, holds in own)
         assert d.by or d.rest == rest
         assert find_sufficient(own[::-1]) == (found, rest)
@@ -179,9 +179,9 @@ MOTIONS = [
 
 def test_a_condition_names_the_problem_it_is_about():
     """Not its duration, which the problem determines, nor its step limit alone, which no other problem has."""
-    found = separation(MOTIONS)
+    found = find_separation(MOTIONS)
     assert found.by == {"problem": ("top",), "max_step": (1e-3,)}
-    by_problem = separation([(at, at["problem"] == "top") for at, _ in MOTIONS])
+    by_problem = find_separation([(at, at["problem"] == "top") for at, _ in MOTIONS])
     assert by_problem.by == {"problem": ("top",)}
 
 
@@ -190,4 +190,4 @@ def test_an_option_is_said_of_the_solver_that_has_it():
     points = [(at, at.get("direction") == "a" and at["max_step"] != 5e-3) for at, _ in MOTIONS]
     for c in find_sufficient(points)[0]:
         assert c.at["solver"] == "gc" and c.at["direction"] == "a"
-    assert all(c.at.get("solver") == "gc" for c in decision(points).conditions if "direction" in c.at)
+    assert all(c.at.get("solver") == "gc" for c in find_decision(points).conditions if "direction" in c.at)

@@ -12,10 +12,10 @@ from mbsbench.harness.columns.digests import ColumnDigests
 from mbsbench.harness.judge.referee import judge as judging
 from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.judge.referee.currency import (
-    code_now,
     describe_changes,
-    describe_older,
-    describe_stale,
+    describe_older_runs,
+    describe_stale_runs,
+    digest_code_and_claims,
     find_older_runs,
     find_stale_runs,
 )
@@ -65,7 +65,7 @@ def test_runs_of_other_code_are_named_by_their_solvers():
     old = dataclasses.replace(good[-1], code="before")
     assert find_older_runs([*good[:-1], old]) == (old,)
     assert find_older_runs([dataclasses.replace(old, solver="somebodys")]) == ()
-    words = describe_older((old,), "results/local/x")
+    words = describe_older_runs((old,), "results/local/x")
     assert f"code of {old.solver}: mbsbench run paper --resume --out results/local/x" in words and "\n" not in words
 
 
@@ -80,15 +80,15 @@ def test_runs_that_were_measured_by_other_code_are_measured_again():
     )
     found = find_stale_runs((old, lacking, stale, unknown), {s.digest: s for s in (here, fewer, other)})
     assert found == {stale: ("phi_max",), unknown: tuple(here.columns)}
-    words = describe_stale({stale: ("phi_max",)}, "results/local/x")
+    words = describe_stale_runs({stale: ("phi_max",)}, "results/local/x")
     assert words == "1 run in results/local/x was measured by other code (phi_max): mbsbench remeasure results/local/x"
 
 
 def test_words_of_a_claim_are_no_part_of_the_digest_and_bands_and_runs_are():
-    before = code_now(parse_register(MAP + HEAD + TEST), RUNS)
-    assert code_now(parse_register(MAP + HEAD.replace("words", "others") + TEST), RUNS) == before
-    assert code_now(parse_register(MAP + HEAD + TEST.replace("1.0", "1.1")), RUNS).runs != before.runs
-    assert code_now(parse_register(MAP + HEAD + TEST), RUNS[1:]).runs != before.runs
+    before = digest_code_and_claims(parse_register(MAP + HEAD + TEST), RUNS)
+    assert digest_code_and_claims(parse_register(MAP + HEAD.replace("words", "others") + TEST), RUNS) == before
+    assert digest_code_and_claims(parse_register(MAP + HEAD + TEST.replace("1.0", "1.1")), RUNS).runs != before.runs
+    assert digest_code_and_claims(parse_register(MAP + HEAD + TEST), RUNS[1:]).runs != before.runs
 
 
 def test_verdicts_of_an_older_version_are_refused_in_a_line(tmp_path):

@@ -7,11 +7,11 @@ import pytest
 
 from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.judge.referee import judge as judging
-from mbsbench.harness.judge.referee.claims.frame import list_values, read_dimensions, select
+from mbsbench.harness.judge.referee.claims.frame import list_values, read_dimensions, select_runs
 from mbsbench.harness.judge.referee.claims.measures import MEASURES
 from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.judge.referee.claims.settings import is_partner
-from mbsbench.harness.judge.referee.currency import code_now
+from mbsbench.harness.judge.referee.currency import digest_code_and_claims
 from mbsbench.harness.judge.referee.registers import FIELD, PAPER
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.judgements.claims import ClaimVerdict
@@ -38,13 +38,13 @@ tests = [{ metric = "loss", combine = "last over first", at_most = 6e-5, unit = 
 @pytest.fixture(scope="module")
 def tried():
     """The rows of all runs that the field's claims may be tried on."""
-    return [read_dimensions(s) for s in judging.list_tried(FIELD)]
+    return [read_dimensions(s) for s in judging.list_tried_runs(FIELD)]
 
 
 def judge_alone(name, record_of, place=FIELD):
     """The verdict on one claim, from the records that ``record_of`` makes of the runs of its maps."""
     alone = dataclasses.replace(place, only=name)
-    records = [record_of(s) for s in judging.select_needed(alone)]
+    records = [record_of(s) for s in judging.select_needed_runs(alone)]
     (found,) = judging.judge_register(alone, records, lambda r: None)
     return found
 
@@ -66,8 +66,8 @@ def test_every_map_matches_runs_and_has_its_dimensions(tried):
     for m in REGISTER.maps.values():
         assert m.dimensions and not m.printed, m.name
         for selection in m.over:
-            assert select(tried, [selection]), f"{m.name}: {selection}"
-        found = select(tried, m.over)
+            assert select_runs(tried, [selection]), f"{m.name}: {selection}"
+        found = select_runs(tried, m.over)
         for name, wanted in m.dimensions.items():
             assert len(list_values(p.dimensions.get(name) for p in found)) == wanted, f"{m.name}: {name}"
 
@@ -75,8 +75,8 @@ def test_every_map_matches_runs_and_has_its_dimensions(tried):
 def test_groups_and_partners_are_there(tried):
     """Values along a dimension are in the map, and each compared run has its partner."""
     for c in REGISTER.claims:
-        own = select(tried, c.map.over)
-        others = select(tried, c.against.over) if c.against else ()
+        own = select_runs(tried, c.map.over)
+        others = select_runs(tried, c.against.over) if c.against else ()
         assert not c.against or all(any(is_partner(c, p, q) for q in others) for p in own), c.id
         assert not c.across or len(list_values(p.dimensions.get(c.across) for p in own)) > 1, c.id
 
@@ -131,7 +131,9 @@ def test_a_setting_that_is_a_vector_can_be_read_back(tmp_path):
     """A map over factors of inertia, three numbers each, by which runs of an engine differ."""
     found = judge_alone("euler-free-rotation", lambda s: make_record(s, energy_start_J=1.0, energy_drift_max_J=0.5))
     place = ConfinedPath(tmp_path)
-    judging.write_judgements(place, {FIELD.file.name: (found,)}, {FIELD.file.name: code_now(REGISTER, ())})
+    judging.write_judgements(
+        place, {FIELD.file.name: (found,)}, {FIELD.file.name: digest_code_and_claims(REGISTER, ())}
+    )
     (again,) = files.read_claims(place, FIELD.file)
     assert (1.0, 2.0, 3.0) in [f.value for f in again.factors["inertia_factors"]] and again == found
 

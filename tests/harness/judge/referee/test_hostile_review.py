@@ -9,10 +9,10 @@ import pytest
 from mbsbench.harness.base.files import parse_toml
 from mbsbench.harness.catalogue.suites.suite import parse_suite
 from mbsbench.harness.judge.referee.claims.bands import Band
-from mbsbench.harness.judge.referee.claims.frame import are_equal, read_dimensions, select
+from mbsbench.harness.judge.referee.claims.frame import are_equal, read_dimensions, select_runs
 from mbsbench.harness.judge.referee.claims.measures import MEASURES, evaluate
 from mbsbench.harness.judge.referee.claims.register import REGISTER, read_register
-from mbsbench.harness.judge.referee.judge import list_tried
+from mbsbench.harness.judge.referee.judge import list_tried_runs
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.run.job import Job
@@ -32,7 +32,7 @@ def named(key: str) -> Any:
 
 @cache
 def places():
-    return [read_dimensions(s) for s in list_tried()]
+    return [read_dimensions(s) for s in list_tried_runs()]
 
 
 @named("runs")
@@ -40,7 +40,7 @@ def test_runs_that_answer_are_in_the_map_of_the_claim(given):
     """Else the verdict would not depend on what is objected to; the number named is one that the claim reads."""
     for run in given["runs"]:
         claim, settings = CLAIMS[run["claim"]], run["settings"]
-        own = select(places(), claim.map.over)
+        own = select_runs(places(), claim.map.over)
         assert any(all(are_equal(p.dimensions.get(k), v) for k, v in settings.items()) for p in own), run
         assert run["number"] in {t.metric for t in claim.tests}, run
 

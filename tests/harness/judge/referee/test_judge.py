@@ -14,8 +14,8 @@ from mbsbench.cli.__main__ import main
 from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.catalogue.suites.suite import Suite
 from mbsbench.harness.judge.referee import judge as judging
-from mbsbench.harness.judge.referee.claims.frame import read_dimensions, select
-from mbsbench.harness.judge.referee.claims.judging import judge
+from mbsbench.harness.judge.referee.claims.frame import read_dimensions, select_runs
+from mbsbench.harness.judge.referee.claims.judging import judge_claims
 from mbsbench.harness.judge.referee.claims.register import read_register
 from mbsbench.harness.judge.referee.registers import FIELD, PAPER
 from mbsbench.harness.mechanics.types import Law, Reason
@@ -36,7 +36,7 @@ RUNS = parse_specs(SUITE)
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """A run folder of made-up records and a register of one claim, judged on the suite of the tests alone."""
-    monkeypatch.setattr(judging, "list_tried", lambda *_: RUNS)
+    monkeypatch.setattr(judging, "list_tried_runs", lambda *_: RUNS)
     monkeypatch.setattr(judging, "OTHERS", ())
     monkeypatch.setattr(judging, "list_published_runs", lambda place=PAPER: RUNS if place.name == PAPER.name else ())
     register = tmp_path / "claims.toml"
@@ -160,7 +160,7 @@ def test_each_register_is_judged_and_published_where_its_runs_are(made, tmp_path
         register.read_text().replace("spherical_pendulum", "heavy_top").replace('id = "c"', 'id = "f"')
     )
     own = {"paper": RUNS, "field": parse_specs(SUITE.replace("spherical_pendulum", "heavy_top"))}
-    monkeypatch.setattr(judging, "list_tried", lambda place=PAPER: own[place.name])
+    monkeypatch.setattr(judging, "list_tried_runs", lambda place=PAPER: own[place.name])
     monkeypatch.setattr(judging, "list_published_runs", lambda place=PAPER: own[place.name])
     monkeypatch.setattr(command, "FIELD", field)
     folder = write(0.5, own["field"][:-2])
@@ -271,16 +271,16 @@ def maps_of(claim):
 @pytest.fixture(scope="module")
 def twice(tmp_path_factory):
     """The verdicts on some claims from their runs run with one and with two processes."""
-    register, runs_tried = read_register(), judging.list_tried()
+    register, runs_tried = read_register(), judging.list_tried_runs()
     few = dataclasses.replace(register, claims=tuple(c for c in register.claims if c.id in CHEAP))
     places = [read_dimensions(c) for c in runs_tried]
-    specs = {p.spec.settings_id: p.spec for c in few.claims for m in maps_of(c) for p in select(places, m.over)}
+    specs = {p.spec.settings_id: p.spec for c in few.claims for m in maps_of(c) for p in select_runs(places, m.over)}
     part = Suite("part", "", tuple(specs.values()), "")
     out = []
     for jobs in (1, 2):
         folder = tmp_path_factory.mktemp(f"jobs{jobs}")
         loaded = run_suite(Request(part, folder, jobs), Silent())
-        out.append(judge(few, runs_tried, loaded.records, partial(store.read_run_series, folder)))
+        out.append(judge_claims(few, runs_tried, loaded.records, partial(store.read_run_series, folder)))
     return out
 
 

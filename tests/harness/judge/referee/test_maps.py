@@ -1,6 +1,12 @@
 """Runs stand where their settings put them, and no claim gathers runs it was not written for."""
 
-from mbsbench.harness.judge.referee.claims.frame import find_varied, is_printed, list_values, read_dimensions, select
+from mbsbench.harness.judge.referee.claims.frame import (
+    find_varied,
+    is_printed,
+    list_values,
+    read_dimensions,
+    select_runs,
+)
 from mbsbench.tests.factories import parse_specs
 
 PENDULUM = """
@@ -70,23 +76,23 @@ rtol = 1e-4
     fi, se = (read_dimensions(c) for c in parse_specs(text))
     assert (fi.dimensions["form"], se.dimensions["form"]) == ("fi", "se") and "accelerations" not in fi.dimensions
     asked = {"problem": "heavy_top", "solver": "ndf_index1", "tolerance": 1e-4}
-    assert select((fi, se), [asked]) == (fi,) and select((fi, se), [asked | {"form": "se"}]) == (se,)
+    assert select_runs((fi, se), [asked]) == (fi,) and select_runs((fi, se), [asked | {"form": "se"}]) == (se,)
 
 
 def test_what_is_not_named_must_be_usual():
     """Only the usual gain, chart, form and frame; then one more at a time."""
-    assert len(select(PLACES, [BASE])) == 2
-    assert len(select(PLACES, [{**BASE, "chart": "any"}])) == 4
-    assert len(select(PLACES, [{**BASE, "chart": "any", "form": "any"}])) == 8
-    assert len(select(PLACES, [{**BASE, "gain": "any"}])) == 3
-    assert len(select(PLACES, [{**BASE, "frame": "any", "tolerance": [1e-3]}])) == 2
-    assert len(select(PLACES, [{**BASE, "tolerance": {"from": 0.1, "to": 1e-3}}])) == 1
-    assert select(PLACES, [{**BASE, "max_step": 0.1}]) == ()
-    assert select(PLACES, [{k: v for k, v in BASE.items() if k != "max_step"}]) == ()
+    assert len(select_runs(PLACES, [BASE])) == 2
+    assert len(select_runs(PLACES, [{**BASE, "chart": "any"}])) == 4
+    assert len(select_runs(PLACES, [{**BASE, "chart": "any", "form": "any"}])) == 8
+    assert len(select_runs(PLACES, [{**BASE, "gain": "any"}])) == 3
+    assert len(select_runs(PLACES, [{**BASE, "frame": "any", "tolerance": [1e-3]}])) == 2
+    assert len(select_runs(PLACES, [{**BASE, "tolerance": {"from": 0.1, "to": 1e-3}}])) == 1
+    assert select_runs(PLACES, [{**BASE, "max_step": 0.1}]) == ()
+    assert select_runs(PLACES, [{k: v for k, v in BASE.items() if k != "max_step"}]) == ()
 
 
 def test_a_union_holds_each_place_once():
-    both = select(PLACES, [BASE, {**BASE, "chart": "any"}])
+    both = select_runs(PLACES, [BASE, {**BASE, "chart": "any"}])
     assert len(both) == 4
     assert find_varied([p.dimensions for p in both]) == {"tolerance": [1e-6, 1e-3], "chart": ["euler313", "quaternion"]}
 
@@ -96,7 +102,9 @@ def test_of_runs_that_differ_in_limits_alone_the_one_with_a_budget_counts():
     text = '[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\ndt = 0.001\n'
     for suite in (text + text + "max_steps = 20000\n", text + "max_steps = 20000\n" + text):
         places = [read_dimensions(c) for c in parse_specs(suite)]
-        found = select(places, [{"problem": "heavy_top", "solver": "gc_weak_form", "step": 0.001, "tolerance": "any"}])
+        found = select_runs(
+            places, [{"problem": "heavy_top", "solver": "gc_weak_form", "step": 0.001, "tolerance": "any"}]
+        )
         assert [p.spec.control.max_steps for p in found] == [20_000]
 
 

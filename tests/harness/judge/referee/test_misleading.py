@@ -14,7 +14,7 @@ from mbsbench.harness.results.judgements.files import PUBLISHED, SYMMETRIES, WRO
 from mbsbench.harness.results.judgements.runs import PLANARITY, REVERSAL, Symmetry
 from mbsbench.harness.results.misleading import RIGHT
 from mbsbench.harness.results.records import format_reasons
-from mbsbench.reports.pages.judged.symmetries import describe_symmetry, mark_symmetry, tally
+from mbsbench.reports.pages.judged.symmetries import describe_symmetry, mark_symmetry, summarize_outcomes
 from mbsbench.tests.factories import make_record
 
 NAN = math.nan
@@ -67,7 +67,7 @@ def test_a_break_of_a_right_motion_is_a_finding_about_the_method():
     assert not reasons and weighed.verdict == "broken"
     assert describe_symmetry(weighed).count("right to 1 % of their size") == 1
     assert mark_symmetry(weighed).word == "broken, not misleading"
-    assert tally([weighed, replace(weighed, verdict="holds")]) == (mark_symmetry(weighed), "1 of 2")
+    assert summarize_outcomes([weighed, replace(weighed, verdict="holds")]) == (mark_symmetry(weighed), "1 of 2")
 
 
 @pytest.mark.parametrize(

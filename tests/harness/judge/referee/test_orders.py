@@ -9,7 +9,7 @@ import pytest
 
 from mbsbench.harness.base.confined_paths import ConfinedPath
 from mbsbench.harness.judge.order import fit_ladder, fit_scattered
-from mbsbench.harness.judge.referee.certificates.orders import QUANTITIES, certify, select_motion
+from mbsbench.harness.judge.referee.certificates.orders import QUANTITIES, certify_orders, select_motion
 from mbsbench.harness.results.judgements.files import ORDERS, format_judgement, read_judgement
 from mbsbench.harness.results.store import create_folder
 from mbsbench.harness.run.job import Job
@@ -241,7 +241,7 @@ def ran(tmp_path_factory):
 
 
 def by_quantity(records):
-    return {e.quantity: e for e in certify(NOWHERE, records)}
+    return {e.quantity: e for e in certify_orders(NOWHERE, records)}
 
 
 SHARP = {"tolerance": 1e-12}
@@ -307,13 +307,13 @@ def test_runs_that_failed_or_cut_their_steps_are_not_fitted(ran):
     entry = by_quantity(failed)["position"]
     assert len(entry.dt) == 5
     assert "1 of 6 runs did not finish" in describe_order(entry)
-    assert certify(NOWHERE, runs[:3]) == ()
+    assert certify_orders(NOWHERE, runs[:3]) == ()
 
 
 def test_certificates_survive_their_file(ran, tmp_path):
     """Written and read back they are the same, numbers that do not exist among them."""
     runs = ran("spherical_pendulum", "gc_weak_form", [0.04 / 2**k for k in range(6)], {"t_end": 2.0}, SHARP)
-    found = certify(NOWHERE, runs)
+    found = certify_orders(NOWHERE, runs)
     (tmp_path / "certificates.json").write_text(format_judgement(found))
     assert repr(read_judgement(ORDERS, ConfinedPath(tmp_path))) == repr(found)
     assert found[0].settings_ids == tuple(r.settings_id for r in runs)
@@ -323,22 +323,22 @@ def test_a_ladder_that_is_refused_or_fails_says_why():
     """One certificate with the solver's own words, and no order; fewer than four runs are no ladder."""
     runs = made_up("position_error_max_m", 0.1 * DT**2)[:4]
     no = [dataclasses.replace(r, claimed="refused", status="refused", message="no springs") for r in runs]
-    (refused,) = certify(NOWHERE, no)
+    (refused,) = certify_orders(NOWHERE, no)
     assert (refused.verdict, describe_order(refused)) == ("refused", "refused: no springs")
     stop = [dataclasses.replace(r, claimed="diverged", status="diverged", message="at 0.1 s") for r in runs[:2]]
-    (failed,) = certify(NOWHERE, [*stop, *runs[2:]])
+    (failed,) = certify_orders(NOWHERE, [*stop, *runs[2:]])
     assert failed.verdict == "not measured" and math.isnan(failed.order)
     assert describe_order(failed) == "diverged: at 0.1 s; 2 of 4 runs did not finish"
-    assert certify(NOWHERE, no[:3]) == ()
+    assert certify_orders(NOWHERE, no[:3]) == ()
 
 
 def test_the_order_of_a_motion_is_that_of_what_moves_with_the_step():
     """A free body's C falls exactly under any step: its orientations have the order."""
     runs = made_up("orientation_error_max_rad", 0.1 * DT**2, position_error_max_m=1e-16)
-    (found,) = select_motion(certify(NOWHERE, runs))
+    (found,) = select_motion(certify_orders(NOWHERE, runs))
     assert (found.quantity, found.verdict) == ("orientation", "certified")
     (both,) = select_motion(
-        certify(NOWHERE, made_up("position_error_max_m", 0.1 * DT**2, orientation_error_max_rad=0.0))
+        certify_orders(NOWHERE, made_up("position_error_max_m", 0.1 * DT**2, orientation_error_max_rad=0.0))
     )
     assert both.quantity == "position"
 
@@ -357,7 +357,7 @@ def test_the_order_of_a_motion_is_the_worse_of_its_two():
             dataclasses.replace(run, orientation_error_max_rad=e)
             for run, e in zip(made_up("position_error_max_m", r), R, strict=True)
         ]
-        (found,) = select_motion(certify(NOWHERE, runs))
+        (found,) = select_motion(certify_orders(NOWHERE, runs))
         assert found.quantity == worse and found.verdict == ("below declared" if bad is r or bad is R else "certified")
 
 
@@ -365,15 +365,15 @@ def test_a_ladder_without_a_reference_keeps_its_row_and_its_reason():
     """Its runs succeed and have an energy error, but none of positions: not measured, for want of a reference."""
     none = {"position_error_max_m": math.nan, "orientation_error_max_rad": math.nan}
     runs = [dataclasses.replace(r, **none) for r in made_up("energy_drift_max_J", 0.1 * DT**2)][:4]
-    found = certify(NOWHERE, runs)
+    found = certify_orders(NOWHERE, runs)
     assert by_quantity(runs)["energy"].verdict == "certified"
     (row,) = select_motion(found)
     assert (row.quantity, row.verdict) == ("position", "not measured")
     assert describe_order(row) == "no error to measure: no reference"
     silent = [dataclasses.replace(r, energy_drift_max_J=math.nan) for r in runs]
-    (alone,) = certify(NOWHERE, silent)
+    (alone,) = certify_orders(NOWHERE, silent)
     assert describe_order(alone) == "no error to measure: no reference" and not alone.status
     crashed = dataclasses.replace(silent[0], claimed="crashed", status="crashed", message="at 0 s")
-    (mixed,) = select_motion(certify(NOWHERE, [crashed, *silent[1:]]))
+    (mixed,) = select_motion(certify_orders(NOWHERE, [crashed, *silent[1:]]))
     expected = "crashed: at 0 s; 1 of 4 runs did not finish; 3 of 4 runs have no error to measure"
     assert describe_order(mixed) == expected

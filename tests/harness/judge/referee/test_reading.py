@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.judge.referee.claims.measures import MEASURES, evaluate, series_read
+from mbsbench.harness.judge.referee.claims.measures import MEASURES, evaluate, list_series_read
 from mbsbench.harness.judge.referee.claims.register import read_register
-from mbsbench.harness.judge.referee.judge import list_tried
+from mbsbench.harness.judge.referee.judge import list_tried_runs
 from mbsbench.harness.judge.referee.reading import make_series_selector
 from mbsbench.harness.judge.referee.registers import FIELD, PAPER, PLACES
 from mbsbench.harness.results.envelopes import compute_envelope
@@ -14,7 +14,7 @@ from mbsbench.tests.factories import make_record, make_series, parse_specs
 
 REGISTERS = {place: read_register(place.path) for place in PLACES}
 TESTS = {(t.metric, repr(t.arguments)): t for r in REGISTERS.values() for c in r.claims for t in c.tests}
-KNOWN = {name for t in TESTS.values() for name in series_read(t.metric, t.arguments)}
+KNOWN = {name for t in TESTS.values() for name in list_series_read(t.metric, t.arguments)}
 RECORD = make_record(steps=400)
 
 
@@ -28,7 +28,7 @@ def made():
 def test_a_measure_of_the_register_reads_what_it_says(test):
     """With envelopes of all other series the number has the same bits; one that reads more would be refused."""
     whole = made()
-    kept = {"t", "dt", *series_read(test.metric, test.arguments)}
+    kept = {"t", "dt", *list_series_read(test.metric, test.arguments)}
     left = {k: compute_envelope(whole["t"], a) for k, a in whole.arrays.items() if k not in kept}
     brief = type(whole)({k: a for k, a in whole.arrays.items() if k in kept}, (), (), (), {}, {}, envelopes=left)
     if MEASURES[test.metric].of_problem:
@@ -48,7 +48,7 @@ def test_a_run_keeps_what_its_claims_and_its_drift_read():
     assert read(long) == {"energy_error", "period_marks"} and read(short) == set()
     kept = set()
     for place, register in REGISTERS.items():
-        tried = list_tried(place)
+        tried = list_tried_runs(place)
         read = make_series_selector(register, tried)
         found = [read(s) for s in tried]
         kept.update(*found)

@@ -7,11 +7,11 @@ import pytest
 
 from mbsbench.harness.base.files import FileError, parse_toml
 from mbsbench.harness.catalogue.suites.suite import load_suite
-from mbsbench.harness.judge.referee.claims.frame import is_printed, list_values, read_dimensions, select
+from mbsbench.harness.judge.referee.claims.frame import is_printed, list_values, read_dimensions, select_runs
 from mbsbench.harness.judge.referee.claims.register import REGISTER as PATH
 from mbsbench.harness.judge.referee.claims.register import parse_register, read_register
 from mbsbench.harness.judge.referee.claims.settings import is_comparable_control, is_partner
-from mbsbench.harness.judge.referee.judge import list_tried
+from mbsbench.harness.judge.referee.judge import list_tried_runs
 
 from .claiming import HEAD, MAP, TEST
 
@@ -25,7 +25,7 @@ NEAREST = (
 
 @pytest.fixture(scope="module")
 def places():
-    return [read_dimensions(c) for c in list_tried()]
+    return [read_dimensions(c) for c in list_tried_runs()]
 
 
 def test_a_claim_says_which_bands_are_ours():
@@ -58,8 +58,8 @@ def test_every_map_matches_runs_of_the_suite_and_has_its_dimensions(places):
     """A claim whose runs nobody runs would never be judged; a suite thinned later would shrink a map in silence."""
     for m in REGISTER.maps.values():
         for selection in m.over:
-            assert select(places, [selection]), f"{m.name}: {selection}"
-        found = select(places, m.over)
+            assert select_runs(places, [selection]), f"{m.name}: {selection}"
+        found = select_runs(places, m.over)
         for name, wanted in m.dimensions.items():
             values = list_values(p.dimensions.get(name) for p in found)
             assert len(values) == wanted, f"{m.name}: {name} has the values {values}"
@@ -82,7 +82,7 @@ def test_every_dae_claim_is_tried_over_the_dimensions_of_the_issue(places):
     asked = {"tolerance", "chart", "lambda_in_error_test", "consistent_start", "gain", "jacobian", "norm"}
     forms = {"fi": asked | {"max_step"}, "se": asked | {"form"}}  # DAE-SE: M^-1 substituted, and E(y) y' = f(y)
     for name in ("free-fi-tighter", *(f"{motion}-{form}" for motion in ("planar", "spatial", "top") for form in forms)):
-        found = select(places, REGISTER.maps[name].over)
+        found = select_runs(places, REGISTER.maps[name].over)
         for d in forms.get(name[-2:], forms["fi"]):
             assert len(list_values(p.dimensions.get(d) for p in found)) > 1, f"{name}: {d}"
 
@@ -92,14 +92,14 @@ def test_dae_se_is_judged_by_the_ndf_or_by_both_codes(places):
     maps = {c.map.name: c.map for c in REGISTER.claims if c.map and "se" in c.map.name.split("-")}
     assert len(maps) > 5
     for name, m in maps.items():
-        solvers = {p.spec.solver for p in select(places, m.over)}
+        solvers = {p.spec.solver for p in select_runs(places, m.over)}
         assert solvers == {"ndf_index1"} | ({"ida_index1"} if name.endswith("-codes") else set()), name
 
 
 def test_a_control_stands_beside_printed_settings(places):
     """A control that no setting has beside it controls nothing."""
     for c in (c for c in REGISTER.claims if c.control):
-        own, controls = select(places, c.map.over), select(places, c.control.over)
+        own, controls = select_runs(places, c.map.over), select_runs(places, c.control.over)
         assert not {p.spec.solver for p in own} & {p.spec.solver for p in controls}, c.id
         printed = [p for p in own if is_printed(p, c.map.printed)] if c.map.printed else own
         assert any(is_comparable_control(c, p, q) for p in printed for q in controls), c.id
@@ -108,7 +108,7 @@ def test_a_control_stands_beside_printed_settings(places):
 def test_what_is_printed_of_ode_gc_has_newtons_method_of_eq_79(places):
     """And never a gauge, a sigma or a correction of poses that Sect. 4 does not print; c_R is open there."""
     for m in (c.map for c in REGISTER.claims if c.map):
-        own = [p for p in select(places, m.over) if p.spec.solver.startswith("gc_") and is_printed(p, m.printed)]
+        own = [p for p in select_runs(places, m.over) if p.spec.solver.startswith("gc_") and is_printed(p, m.printed)]
         for p in (p for p in own if p.spec.problem != "torque_free_body"):
             assert (p.dimensions["gauge"], p.dimensions["sigma0"]) == ("accumulate", "carried"), m.name
             assert p.dimensions["newton"] == "exact", m.name
@@ -120,7 +120,7 @@ def test_what_is_printed_of_ode_gc_has_newtons_method_of_eq_79(places):
 def test_a_gain_of_zero_is_not_the_papers(places):
     """Eq. (94) replaces Eq. (93) in both DAE solvers."""
     for m in (c.map for c in REGISTER.claims if c.map):
-        classical = (p for p in select(places, m.over) if p.spec.solver in ("ida_index1", "ndf_index1"))
+        classical = (p for p in select_runs(places, m.over) if p.spec.solver in ("ida_index1", "ndf_index1"))
         assert not any(p.dimensions.get("gain") == 0.0 and is_printed(p, m.printed) for p in classical), m.name
 
 
@@ -130,7 +130,7 @@ def test_beyond_the_printed_frame_whoever_is_to_leave_the_plane_can(places):
     for name, printed in (("6-dae-not-planar", {"aligned"}), ("6-se-out-of-plane-20s", set())):
         (m,) = (c.map for c in REGISTER.claims if c.id == name)
         frames = {True: set(), False: set()}
-        for p in select(places, m.over):
+        for p in select_runs(places, m.over):
             frames[is_printed(p, m.printed)].add(p.dimensions["frame"])
         assert frames == {True: printed, False: turned}, name
 
@@ -138,28 +138,28 @@ def test_beyond_the_printed_frame_whoever_is_to_leave_the_plane_can(places):
 def test_a_frame_turned_against_the_plane_is_not_the_papers(places):
     """Sect. 5.2 prints the plane OXY and gravity along OY, Sect. 5.3 the axes of the chain."""
     for m in (c.map for c in REGISTER.claims if c.map and c.map.printed):
-        own = [p for p in select(places, m.over) if p.spec.problem in ("spherical_pendulum", "chain")]
+        own = [p for p in select_runs(places, m.over) if p.spec.problem in ("spherical_pendulum", "chain")]
         assert {p.dimensions["frame"] for p in own if is_printed(p, m.printed)} <= {"aligned"}, m.name
 
 
 def test_paired_claims_find_their_partners(places):
     """A comparison without the other run is none."""
     for c in (c for c in REGISTER.claims if c.map and c.against):
-        others = select(places, c.against.over)
-        for p in select(places, c.map.over):
+        others = select_runs(places, c.against.over)
+        for p in select_runs(places, c.map.over):
             assert any(is_partner(c, p, q) for q in others) or p in others, f"{c.id}: {p.spec.case}"
 
 
 def test_values_named_along_a_dimension_are_in_a_group_of_its_map(places):
     """Else every group would be left open."""
     for c in (c for c in REGISTER.claims if not isinstance(c.along, int)):
-        assert set(c.along) <= {p.dimensions.get(c.across) for p in select(places, c.map.over)}, c.id
+        assert set(c.along) <= {p.dimensions.get(c.across) for p in select_runs(places, c.map.over)}, c.id
 
 
 def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
     """Every classical solver of a claim of the paper has its sentence: IDA is not ode15i. Others stand for none."""
     own = [c for c in REGISTER.claims if c.map and not c.id.startswith("beyond-")]
-    run = {p.spec.solver for c in own for p in select(places, c.map.over)}
+    run = {p.spec.solver for c in own for p in select_runs(places, c.map.over)}
     modern = {"gc_composed", "gc_extrapolated", "scipy_strong_form"}  # stand for none: the paper invites such methods
     assert run - {"gc_weak_form", "gc_augmented_lagrangian"} - modern <= REGISTER.solvers.keys()
 

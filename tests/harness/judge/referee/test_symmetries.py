@@ -10,9 +10,9 @@ from msgspec.structs import replace
 from mbsbench.harness.base.files import FileError
 from mbsbench.harness.judge.invariance import Yardstick
 from mbsbench.harness.judge.referee.certificates import symmetries
-from mbsbench.harness.judge.referee.certificates.symmetries import _compare, _prepare_row, check_symmetries
+from mbsbench.harness.judge.referee.certificates.symmetries import _judge_deviation, _prepare_row, check_symmetries
 from mbsbench.harness.judge.referee.false_successes import find_false_successes, measure_own_error
-from mbsbench.harness.judge.referee.weighing import list_deciding, weigh_published
+from mbsbench.harness.judge.referee.weighing import list_deciding_runs, weigh_published
 from mbsbench.harness.mechanics.types import Law, Reason
 from mbsbench.harness.results.judgements.files import format_judgement
 from mbsbench.harness.results.judgements.runs import FalseSuccess, Unjudged
@@ -142,7 +142,7 @@ def test_published_verdicts_are_weighed_by_the_runs_that_decide(folder, told):
     other = FalseSuccess("a", "a", "s", "p", (Reason(Law.ENERGY, 2.0, 1.0, "J"),))
     accused = FalseSuccess("b", records[-1].settings_id, "s", "p", (Reason(Law.SYMMETRY, 2.0, 1.0, "m"),))
     broken = [s for s in rows if s.verdict == "broken"]
-    assert list_deciding(rows, (other, accused)) == {k for s in broken for k in s.settings_ids}
+    assert list_deciding_runs(rows, (other, accused)) == {k for s in broken for k in s.settings_ids}
     weighed, found = weigh_published(folder, records, rows, (other, accused))
     assert found == (other,) and same_rows(weighed, check_symmetries(folder, records))
     misled = [dataclasses.replace(r, motion_error_judged_m=0.05 * r.length_scale_m) for r in records]
@@ -222,7 +222,7 @@ def test_a_bound_above_the_size_decides_nothing_and_a_broken_row_says_by_how_muc
     base = make_record(solver_options="{}", case="p s")
 
     def made(deviation, yard):
-        return _compare(_prepare_row(base, "yaw"), deviation, yard)
+        return _judge_deviation(_prepare_row(base, "yaw"), deviation, yard)
 
     assert made(0.5, wide).verdict == "undecided"
     assert made(0.1, narrow).verdict == "holds"

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from mbsbench.harness.judge.referee.claims.judging import judge
+from mbsbench.harness.judge.referee.claims.judging import judge_claims
 from mbsbench.harness.judge.referee.claims.register import parse_register
 from mbsbench.harness.results.judgements.files import format_judgement
 from mbsbench.reports.model.claim_words import describe_missing, explain_verdicts
@@ -161,7 +161,7 @@ over = [{ problem = "spherical_pendulum", solver = "ida_index1", max_step = 0.01
         make_record(x, phi_max=size[options(x)["chart"]] * (2.0 if x.control.rtol == 1e-3 else 1.0)) for x in RUNS
     ]
     registers = [parse_register(split + HEAD + t) for t in (text, text.replace('pair_by = ["chart"]\n', ""))]
-    verdicts = [judge(r, RUNS, records, lambda _: None)[0].verdict for r in registers]
+    verdicts = [judge_claims(r, RUNS, records, lambda _: None)[0].verdict for r in registers]
     assert verdicts == ["reproduced", "reproduced if"]
 
 

@@ -85,6 +85,7 @@ def states_of_run(files, run):
     return states_of(files[f"runs/{run['run_id']}.npy"]) if run["states"] != "none" else {}
 
 
+@pytest.mark.sampled(0)
 def test_two_bundles_of_a_folder_have_the_same_bytes(results, made, tmp_path):
     """Wherever the folder is, and whenever: no time, path, order of files or compressor enters."""
     moved = shutil.copytree(results, tmp_path / "elsewhere")

@@ -9,7 +9,7 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.lab.ensemble.clouds import ConfiguredSolver, make_ensemble, run_cloud
 from mbsbench.harness.lab.ensemble.sampling import interpolate_state
-from mbsbench.harness.lab.ensemble.verdict import ALL_C, NO_DIFFERENCE, compare_clouds, judge
+from mbsbench.harness.lab.ensemble.verdict import ALL_C, NO_DIFFERENCE, compare_clouds, judge_comparisons
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.types import Status, StepControl
@@ -56,7 +56,7 @@ def test_observables_are_functions_of_the_state_alone():
 def test_a_perfect_solver_differs_by_chance_alone(ensemble, true):
     """The same integrator from other starts; its members are exact at its own starts."""
     found = compare_clouds(ensemble, true[0], *true)
-    assert judge(found) == NO_DIFFERENCE
+    assert judge_comparisons(found) == NO_DIFFERENCE
     assert all(c.error == 0.0 and c.missing == 0 for c in found)
 
 
@@ -65,7 +65,7 @@ def test_gravity_one_percent_off_is_found(ensemble, true):
     heavy = registry.make_problem("simple_pendulum", {"gravity": 1.01 * 9.81})
     wrong = make_ensemble(heavy, SPREAD, 1, AT)
     cloud = run_cloud(wrong, true[0].code, range(N), 1)
-    assert "P_y at 0.5 s" in judge(compare_clouds(ensemble, cloud, *true))
+    assert "P_y at 0.5 s" in judge_comparisons(compare_clouds(ensemble, cloud, *true))
 
 
 def test_without_chaos_the_error_of_members_is_that_of_the_run(ensemble, true):
@@ -119,7 +119,7 @@ def test_missing_members_are_counted_and_leave_no_clean_verdict(ensemble, true):
     assert [line.split(":")[0] for line in cloud.failures] == ["member 1", "member 3", "member 4"]
     found = compare_clouds(ensemble, cloud, *(_first(c, 20) for c in true))
     assert {(c.t_s, c.missing, c.members) for c in found} == {(AT[0], 2, 18), (AT[1], 3, 17)}
-    assert judge(found).startswith("incomplete")
+    assert judge_comparisons(found).startswith("incomplete")
 
 
 def _first(cloud, n):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from mbsbench.harness.lab.ensemble.scores import compute_score, rank_histogram, score_against_truth
+from mbsbench.harness.lab.ensemble.scores import compute_score, count_ranks, score_against_truth
 
 RANDOM = np.random.default_rng(5)
 
@@ -34,14 +34,14 @@ def test_the_order_of_members_does_not_matter():
     mixed, drawn = RANDOM.permutation(x), RANDOM.permutation(y)
     assert compute_score(mixed, drawn)[0] == pytest.approx(compute_score(x, y)[0], rel=1e-12)
     assert compute_score(mixed[:, 0], drawn[:, 0])[0] == pytest.approx(compute_score(x[:, 0], y[:, 0])[0], rel=1e-12)
-    a, b = (rank_histogram(p[:, 0], q[:, 0]) for p, q in ((x, y), (mixed, drawn)))
+    a, b = (count_ranks(p[:, 0], q[:, 0]) for p, q in ((x, y), (mixed, drawn)))
     np.testing.assert_array_equal(a.counts, b.counts)
 
 
 def test_p_values_of_perfect_clouds_are_uniform():
     """Of 200 pairs of clouds of one law, 5 % fall below 0.05: 10 +- 3.1, here within 4 sigma; excesses average 0."""
     draws = [RANDOM.standard_normal((2, 60)) for _ in range(200)]
-    ranks = np.array([rank_histogram(x, y).p for x, y in draws])
+    ranks = np.array([count_ranks(x, y).p for x, y in draws])
     assert np.sum(ranks < 0.05) <= 22
     assert abs(np.mean(ranks) - 0.5) < 4.0 * 0.289 / np.sqrt(len(draws))
     found = [score_against_truth(x, y, seed=1) for x, y in draws[:30]]
@@ -55,15 +55,15 @@ def test_a_shift_and_a_wrong_spread_are_detected():
     y = RANDOM.standard_normal(300)
     for x in (RANDOM.standard_normal(300) + 0.5, 0.5 * RANDOM.standard_normal(300), 2.0 * RANDOM.standard_normal(300)):
         assert score_against_truth(x, y, seed=1).p < 0.001
-        assert rank_histogram(x, y).p < 1e-4
-    narrow = rank_histogram(0.5 * RANDOM.standard_normal(300), y).counts
+        assert count_ranks(x, y).p < 1e-4
+    narrow = count_ranks(0.5 * RANDOM.standard_normal(300), y).counts
     assert narrow[0] + narrow[-1] > 4.0 * narrow[len(narrow) // 2]
 
 
 def test_equal_numbers_are_shared_out_among_ranks():
     """A quantity that is 0 in every motion shows nothing: flat ranks, no excess, p = 1."""
     x, y = np.zeros(100), np.zeros(100)
-    assert rank_histogram(x, y).p > 0.999
+    assert count_ranks(x, y).p > 0.999
     assert score_against_truth(x, y, seed=1) == (0.0, 0.0, 0.0, 1.0)
 
 

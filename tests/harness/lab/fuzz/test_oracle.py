@@ -28,6 +28,7 @@ def make_short_oracle(number: int) -> Oracle:
     return replace(oracle, mechanism=replace(oracle.mechanism, steps=STEPS))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("solver", [NoProducts(), YIsUp(), OneLoop()], ids=lambda s: type(s).__name__)
 def test_a_broken_solver_is_found_and_shrunk_to_three_bodies(solver: Broken):
     """Each fault changes motions by far more than a step does."""

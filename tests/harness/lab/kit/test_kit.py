@@ -61,6 +61,7 @@ def fails(words, case, motion, **settings):
     assert any(words in line for line in lines), lines
 
 
+@pytest.mark.sampled(1)
 @each_case
 def test_the_exact_motion_passes_in_both_precisions(case):
     kit.check(case, exact(), order=8)
@@ -73,6 +74,7 @@ def test_single_precision_is_not_double():
     fails("error: off by", "free_fall", rounded)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize(("share", "passes"), [(0.9, True), (1.1, False)])
 def test_the_verdict_turns_at_the_tolerance(precision, share, passes):
@@ -93,11 +95,13 @@ def test_the_verdict_turns_at_the_tolerance(precision, share, passes):
         fails("error: off by", "spin_sphere", motion, precision=precision, order=8)
 
 
+@pytest.mark.sampled(1)
 @each_case
 def test_a_right_model_passes_at_the_order_it_claims(case):
     kit.check(case, midpoint(), order=2, dt=5e-4 if case == "top" else 2e-3)  # it turns by 0.1 rad in 2 ms
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("case", ["spin_asymmetric", "ball_pendulum", "four_bar_turned"])
 def test_a_right_model_in_single_precision_passes(case):
     kit.check(case, midpoint(dtype=SINGLE), order=2, precision="float32")
@@ -110,6 +114,7 @@ def signed(system):
     return dataclasses.replace(system, inertia=flipped)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("case", ["pendulum", "slider_crank"])
 def test_a_mass_wrong_by_a_hundredth_fails(case, precision):
@@ -117,12 +122,14 @@ def test_a_mass_wrong_by_a_hundredth_fails(case, precision):
     fails("error: off by", case, wrong, precision=precision, order=2)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_an_inertia_product_of_the_wrong_sign_fails(precision):
     kit.check("spin_products", midpoint(), order=2, precision=precision)
     fails("error: off by", "spin_products", midpoint(signed), order=2, precision=precision)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize("case", LOOPS)
 def test_a_loop_that_opens_by_a_millimetre_fails(case, precision):

@@ -98,6 +98,7 @@ def test_what_cannot_be_a_submission_is_refused_in_a_line(tmp_path):
             read_submission(str(file))
 
 
+@pytest.mark.sampled(0)
 def test_submit_and_ladder_from_the_command_line(tmp_path, monkeypatch, capsys):
     """A bundle of an honest and of a false solver; the page names both, escaped, and the label of each."""
     monkeypatch.setattr(submit, "run_submission", partial(run_submission, kinds=SHORT, repeats=1))
@@ -131,7 +132,7 @@ def test_submit_and_ladder_from_the_command_line(tmp_path, monkeypatch, capsys):
 def test_all_is_solved_before_any_reference_is_computed(tmp_path, monkeypatch):
     """Else a later run could read what an earlier one's measure left."""
     order = []
-    monkeypatch.setattr(submission, "_solve", lambda *_: order.append("solve") or SimpleNamespace(sent=""))
+    monkeypatch.setattr(submission, "_solve_blind", lambda *_: order.append("solve") or SimpleNamespace(sent=""))
     monkeypatch.setattr(submission, "_measure_in_process", lambda run: order.append("measure"))
     made = submission.Submission("s", "dt", "", "a")
     run_submission(made, "1", tmp_path / "run", kinds=SHORT, repeats=1, blind=object())
@@ -153,7 +154,7 @@ def test_what_is_called_compilation_is_limited_for_submissions(tmp_path, monkeyp
         blind, "WatchedProcess", lambda work, **k: seen.append(k["code"]) or SimpleNamespace(wait=lambda: ENDED)
     )
     for plugin in ("a.py", ""):
-        blind._run(blind.BlindTask(None, None, "s", plugin, tmp_path, ConfinedPath(tmp_path) / "e", 20.0, 500.0))
+        blind._run_task(blind.BlindTask(None, None, "s", plugin, tmp_path, ConfinedPath(tmp_path) / "e", 20.0, 500.0))
     assert seen == [0.0, blind.CODE_LIMIT]
 
 
@@ -161,7 +162,7 @@ def test_what_is_called_compilation_is_limited_for_submissions(tmp_path, monkeyp
 def test_one_run_without_a_fence_marks_the_entry(tmp_path, monkeypatch, first):
     """Each run's process says whether it is shut in, not the one that looked at the file."""
     said = itertools.cycle(first)
-    monkeypatch.setattr(submission, "_solve", lambda *_: replace(ENDED, sent=next(said)))
+    monkeypatch.setattr(submission, "_solve_blind", lambda *_: replace(ENDED, sent=next(said)))
     monkeypatch.setattr(submission, "_measure_in_process", lambda run: None)
     made = submission.Submission("s", "dt", "", "a", fenced=True)
     run_submission(made, "1", tmp_path / "run", kinds=SHORT, repeats=1, blind=object())
@@ -180,7 +181,7 @@ def test_what_a_submission_sends_says_nothing_of_its_fence(tmp_path, monkeypatch
     monkeypatch.setattr(blind.registry, "load_plugin", lambda file: send(blind.FENCED))
     blind.attempt_solve(task, send)
     assert loaded == ["shut in", "", blind.FENCED]
-    assert blind._run(task).sent == ""
+    assert blind._run_task(task).sent == ""
 
 
 def test_the_checker_has_cpu_time_and_no_other_clock(tmp_path, monkeypatch):

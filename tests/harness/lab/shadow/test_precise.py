@@ -54,6 +54,7 @@ def last(flow: PreciseFlow, *times: str) -> np.ndarray:
     return list(flow.march([Fraction(t) for t in times]))[-1]
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("bits", BITS)
 @pytest.mark.parametrize("name", BODIES)
 def test_a_body_on_a_pin_is_where_theta_functions_have_it(name, bits):

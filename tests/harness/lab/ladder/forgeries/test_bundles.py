@@ -43,6 +43,7 @@ def edited(bundle, tmp_path, edit, write=write_edited):
     return path
 
 
+@pytest.mark.sampled(0)
 def test_an_honest_bundle_is_an_entry(bundle, tmp_path):
     """As it was written, and written again with the same digests."""
     for path in (bundle, edited(bundle, tmp_path, lambda m: None)):
@@ -68,12 +69,14 @@ def test_what_is_no_bundle_is_removed(bundle, tmp_path, damage):
     assert read_entry(path, SHORT).forged
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("how", NEW_DIGESTS)
 def test_runs_that_were_not_drawn_are_removed(bundle, tmp_path, how):
     """Instances follow from the digest of the submission and the seed: anybody draws them again."""
     assert read_entry(edited(bundle, tmp_path, NEW_DIGESTS[how]), SHORT).forged
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("how", OF_A_RUN)
 def test_our_own_run_shows_false_costs_and_errors(bundle, tmp_path, how):
     """An independent entry never leads; where we have run its submission again, what differs removes it."""
@@ -84,6 +87,7 @@ def test_our_own_run_shows_false_costs_and_errors(bundle, tmp_path, how):
     assert not alone.leads
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("how", every(OF_NUMBERS, 4))
 def test_the_checker_finds_what_is_not_computed(bundle, tmp_path, how):
     """Records, states and references with new digests: a program that shares no code computes them anew."""

@@ -65,6 +65,7 @@ def test_the_honest_motion_is_a_success(submit):
     assert record.status == "success" and row.points == 1, record
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("how", every(FALSE, 4))
 def test_a_false_motion_is_no_success(submit, how):
     """Laws, the reference of the hidden instance, or the contract find it; claimed, it counts less than no answer."""
@@ -73,6 +74,7 @@ def test_a_false_motion_is_no_success(submit, how):
     assert row.solved == 0 and row.points == (-1 if record.status != "crashed" else 0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("how", every(CONDUCT, 3))
 def test_what_is_not_its_own_is_out_of_reach(fenced, submit, how):
     """Names, answers, files, clocks, other processes: the motion that it returns without them is false."""
@@ -95,6 +97,7 @@ def test_nothing_is_prepared_when_a_file_is_first_looked_at(fenced, tmp_path):
     assert not AWAY.with_suffix(".prepared").exists()
 
 
+@pytest.mark.sampled(0)
 def test_there_are_enough_kinds():
     """The honest count."""
     assert len(FALSE) + len(CONDUCT) + len(COSTS) >= 60
